@@ -1,6 +1,6 @@
 //! Plumbline grades the builds of AI agents that act as construction engineers in Minecraft (the MineCEraft benchmark).
 //!
-//! docs/architecture.md describes the modules and what each may import; `tests/tidy.rs` enforces it.
+//! docs/architecture.md describes the modules and what each may import; `tests/tidy` enforces it.
 
 pub mod actions;
 pub mod app;

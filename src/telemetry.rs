@@ -22,7 +22,10 @@ pub enum LogFormat {
 /// nobody reads, lines are lost, not requests. `RUST_LOG` overrides the filter; `RUST_LOG=info,plumbline::request=warn`
 /// omits the line of each request. Dropping the guard writes the remaining lines.
 pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default_filter));
+    let asked = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|filter| !filter.is_empty());
+    let asked = asked.as_deref().map(EnvFilter::try_new).transpose();
+    let (asked, fault) = asked.map_or_else(|error| (None, Some(error)), |filter| (filter, None));
+    let filter = asked.unwrap_or_else(|| EnvFilter::new(default_filter));
     let (writer, guard) = NonBlockingBuilder::default().lossy(true).finish(std::io::stderr());
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -33,6 +36,9 @@ pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
         LogFormat::Text => builder.try_init(),
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
     };
+    if let Some(error) = fault {
+        tracing::warn!(%error, "RUST_LOG is no filter and is not used; it has the form info,plumbline::request=warn");
+    }
     if format == LogFormat::Json {
         std::panic::set_hook(Box::new(|panic| {
             tracing::error!(

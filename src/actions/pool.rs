@@ -213,10 +213,17 @@ impl Pool {
 
     /// Starts replayers until one waits for each slot.
     pub fn refill(&self) {
-        let mut ready = self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
-        while ready.len() < self.inner.size {
-            match Replayer::start() {
-                Ok(replayer) => ready.push(replayer),
+        let ready = || self.inner.ready.lock().unwrap_or_else(PoisonError::into_inner);
+        while ready().len() < self.inner.size {
+            // Without the lock, which every script needs.
+            let started = Replayer::start();
+            match started {
+                Ok(replayer) => {
+                    let mut ready = ready();
+                    if ready.len() < self.inner.size {
+                        ready.push(replayer);
+                    }
+                }
                 Err(error) => {
                     tracing::warn!(%error, "could not start a process for action code");
                     return;

@@ -22,7 +22,7 @@ use plumbline_engine::voxel::terrain::MAX_EXTENT;
 pub struct Limits {
     /// Bytes of a request body after decompression.
     pub body_bytes: usize,
-    /// Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503.
+    /// Bytes of bodies of 64 KiB and more in memory at the same time; a request beyond that is refused with 503.
     pub bodies_in_memory_bytes: usize,
     /// Bytes of a form of the pages, and of a note with cosignatures.
     pub form_bytes: usize,
@@ -262,7 +262,7 @@ pub struct Limits {
     pub grading_attempts: i64,
 }
 
-/// Limits in force.
+/// Default limits. Those in force are [`App::limits`](crate::app::App::limits), of which `serve` sets four.
 pub const LIMITS: Limits = Limits {
     body_bytes: 32 << 20,
     bodies_in_memory_bytes: 512 << 20,

@@ -70,7 +70,7 @@ pub struct App {
     readiness: Readiness,
     /// Computes and caches stress fields.
     pub stress: StressFields,
-    /// Limits in force.
+    /// Limits in force: the defaults, with what `serve` sets.
     pub limits: Limits,
     /// Runs action code.
     pub actions: Pool,
@@ -103,7 +103,7 @@ pub struct AppParts {
     pub keys: Keys,
     /// Share of a suite that a run must cover to be compared on its board.
     pub least_coverage: f64,
-    /// Limits in force.
+    /// Limits in force: the defaults, with what `serve` sets.
     pub limits: Limits,
     /// Runs action code.
     pub actions: Pool,

@@ -21,11 +21,11 @@ use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::EventAction;
 use plumbline_engine::voxel::{BlockLog, Cell, Event};
 
-/// Takes a slot for a request whose action code runs or waits.
+/// Takes a permit for a request whose action code runs or waits.
 ///
 /// # Errors
-/// Returns 429 if no slot is free.
-pub fn place(app: &App, who: &Arc<str>) -> AppResult<Permit> {
+/// Returns 429 if none is free.
+pub fn take_permit(app: &App, who: &Arc<str>) -> AppResult<Permit> {
     app.action_requests
         .take(who)
         .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
@@ -75,7 +75,7 @@ pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }
-    let _permit = place(app, who)?;
+    let _permit = take_permit(app, who)?;
     let answer = replayed(app, who, job, &mut None).await?;
     if let Some(stopped) = answer.stopped() {
         faults.add_at("action_code", stopped.to_string());
@@ -104,7 +104,7 @@ fn add_stopped(replayed: &Replayed, faults: &mut Faults) -> bool {
 ///
 /// # Errors
 /// Returns 429 if too much code waits, and 500 if code cannot be run.
-pub async fn run_codes(
+pub async fn complete_logs(
     app: &App,
     who: &Arc<str>,
     posted: &mut [PostedSubmission],
@@ -123,13 +123,13 @@ pub async fn run_codes(
     if !faults.is_empty() || posted.iter().all(|submission| submission.sent.codes.is_empty()) {
         return Ok(());
     }
-    let _permit = place(app, who)?;
+    let _permit = take_permit(app, who)?;
     for submission in posted {
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
         let runs = Runs { left: &mut None, is_compared: true };
-        submission.replays = run_told(app, who, &mut submission.sent, &mut budget, faults, runs).await?;
+        submission.replays = complete(app, who, &mut submission.sent, &mut budget, faults, runs).await?;
         if !faults.is_empty() {
             break;
         }
@@ -141,7 +141,7 @@ pub async fn run_codes(
 ///
 /// # Errors
 /// Returns an error if too much code waits, or if it cannot be run. Code that reaches a limit is a fault.
-pub async fn run_code(
+pub async fn complete_log(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
@@ -150,9 +150,9 @@ pub async fn run_code(
     if sent.codes.is_empty() {
         return Ok(Vec::new());
     }
-    let _permit = place(app, who)?;
+    let _permit = take_permit(app, who)?;
     let runs = Runs { left: &mut None, is_compared: true };
-    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
+    complete(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
 }
 
 /// Runs the code of one log under its profile for at most the time `left`, if it has a deadline, takes from it what the
@@ -160,7 +160,7 @@ pub async fn run_code(
 ///
 /// # Errors
 /// Returns 504 if that time passes, and 500 if code cannot be run.
-pub async fn run_sent(
+pub async fn complete_log_within(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
@@ -168,7 +168,7 @@ pub async fn run_sent(
     faults: &mut Faults,
 ) -> AppResult<Vec<TurnReplay>> {
     let runs = Runs { left, is_compared: false };
-    run_told(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
+    complete(app, who, sent, &mut EventBudget::whole(&app.limits), faults, runs).await
 }
 
 /// How code is run.
@@ -179,7 +179,7 @@ struct Runs<'a> {
     is_compared: bool,
 }
 
-async fn run_told(
+async fn complete(
     app: &App,
     who: &Arc<str>,
     sent: &mut SentLog,
@@ -239,32 +239,29 @@ fn job_of(log: &BlockLog, codes: Vec<(usize, Vec<String>)>) -> (Job, Vec<Option<
         let (turns, inputs) = codes.into_iter().map(|(turn, files)| (Some(turn), TurnInput::Code(files))).unzip();
         return (Job { profile, turns: inputs, ..Job::default() }, turns);
     }
-    let last = codes.last().map_or(0, |(turn, _)| turn + 1);
-    let mut codes = codes.into_iter().peekable();
-    let mut inputs = Vec::with_capacity(last);
-    let mut turns = Vec::with_capacity(last);
-    for turn in 0..last {
-        if let Some((_, files)) = codes.next_if(|(of, _)| *of == turn) {
-            inputs.push(TurnInput::Code(files));
-            turns.push(Some(turn));
-        } else {
-            inputs.push(TurnInput::Events(events_of(log, turn)));
-            turns.push(None);
-        }
-    }
+    let end = codes.last().map_or(0, |(turn, _)| turn + 1);
+    let inputs = turn_inputs(log, codes, end);
+    let turns = inputs.iter().zip(0..).map(|(input, turn)| matches!(input, TurnInput::Code(_)).then_some(turn));
+    let turns = turns.collect();
     (Job { profile, turns: inputs, ..Job::default() }, turns)
 }
 
 /// Makes one job of all turns of a log, with or without code.
 #[must_use]
 pub fn job_of_all(mut sent: SentLog) -> Job {
-    let last = sent.log.turns.len();
-    let mut codes = std::mem::take(&mut sent.codes).into_iter().peekable();
-    let turns = (0..last).map(|turn| match codes.next_if(|code| code.turn == turn) {
-        Some(code) => TurnInput::Code(code.files),
-        None => TurnInput::Events(events_of(&sent.log, turn)),
+    let codes = std::mem::take(&mut sent.codes).into_iter().map(|code| (code.turn, code.files)).collect();
+    let turns = turn_inputs(&sent.log, codes, sent.log.turns.len());
+    Job { profile: sent.log.profile, start: None, turns, is_compared: true }
+}
+
+/// Returns the first `end` turns of a log as a job holds them: the code of a turn, or its events.
+fn turn_inputs(log: &BlockLog, codes: Vec<(usize, Vec<String>)>, end: usize) -> Vec<TurnInput> {
+    let mut codes = codes.into_iter().peekable();
+    let turns = (0..end).map(|turn| match codes.next_if(|(of, _)| *of == turn) {
+        Some((_, files)) => TurnInput::Code(files),
+        None => TurnInput::Events(events_of(log, turn)),
     });
-    Job { profile: sent.log.profile, start: None, turns: turns.collect(), is_compared: true }
+    turns.collect()
 }
 
 /// Returns the events of a turn as a job holds them.

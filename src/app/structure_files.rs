@@ -131,7 +131,7 @@ fn structure_of(base64: &str, corner: Option<[i32; 3]>) -> Result<Structure, Fau
     let materials: Vec<&str> = build.palette.iter().map(|block| block.split('[').next().unwrap_or_default()).collect();
     if let Some(long) = materials.iter().find(|name| name.len() > LIMITS.material_chars) {
         let most = LIMITS.material_chars;
-        return Err(Fault::of(format!("a name of {} characters; at most {most} are allowed", long.len())));
+        return Err(Fault::of(format!("a name of {} bytes; at most {most} are allowed", long.len())));
     }
     let mut entries = Vec::with_capacity(build.blocks.len());
     for (at, material) in &build.blocks {

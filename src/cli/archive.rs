@@ -17,6 +17,7 @@ use serde_json::error::Category;
 
 use super::evidence::key;
 use super::files;
+use super::process::block_on;
 use super::verify_epoch::{answers_in, take_commitment, take_epoch, verified};
 use super::witness::{folder_of, witness_key};
 use crate::client::Service;
@@ -93,8 +94,7 @@ struct Archive {
 /// # Errors
 /// Returns an error if the service cannot be reached, the epoch is not over, or the file cannot be written.
 pub fn run(args: &ArchiveArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let archive = runtime.block_on(download(&Service::at(&args.url, None)?, &args.epoch))?;
+    let archive = block_on(download(&Service::at(&args.url, None)?, &args.epoch))?;
     if args.out.exists() {
         bail!("--out: {} already exists", args.out.display());
     }

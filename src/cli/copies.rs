@@ -11,6 +11,8 @@ use clap::Args;
 
 use super::checksums;
 use super::database::DatabaseArgs;
+use super::process::block_on;
+use super::witness::folder_of;
 use crate::app::submissions::decision::lane_of;
 use crate::store::secrets::Secrets;
 use crate::store::sqlite::copies::{Contents, copy, inspect};
@@ -177,7 +179,7 @@ pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
         files.push((BufWriter::new(file.with_context(place)?), path.clone(), 0_u64));
     }
     let write = |kind: &'static Kind, line: &str| {
-        let at = KINDS.iter().position(|known| known.name == kind.name).unwrap_or_default();
+        let at = KINDS.iter().position(|known| known.name == kind.name).expect("only kinds of the list are exported");
         let (file, _, lines) = &mut files[at];
         *lines += 1;
         writeln!(file, "{line}")
@@ -266,8 +268,7 @@ fn copy_checked(from: &Path, to: &Path) -> anyhow::Result<Contents> {
     let contents = made?;
     File::open(&partial)?.sync_all()?;
     std::fs::rename(&partial, to).with_context(|| to.display().to_string())?;
-    let folder = to.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    File::open(folder)?.sync_all()?;
+    File::open(folder_of(to))?.sync_all()?;
     Ok(contents)
 }
 
@@ -284,6 +285,7 @@ fn tell(what: &str, file: &Path, contents: &Contents) {
     println!("{what} {}: {}", file.display(), told.join(", "));
 }
 
+/// Runs work on this thread. Returns an error if that cannot be, and otherwise its result, an error or not.
 fn run<T>(work: impl Future<Output = T>) -> anyhow::Result<T> {
-    Ok(tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(work))
+    block_on(async { Ok(work.await) })
 }

@@ -7,6 +7,7 @@ use anyhow::bail;
 use clap::Args;
 use clap::builder::BoolishValueParser;
 
+use super::process::block_on;
 use crate::app::signing::refuse_to_begin_anew;
 use crate::store::blobs::BlobPlace;
 use crate::store::location::Location;
@@ -106,11 +107,10 @@ pub struct MigrateArgs {
 /// # Errors
 /// Returns an error if the database does not exist, was written by a newer program, or cannot be copied or changed.
 pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     if let (Some(from), Some(to)) = (&args.from, &args.to) {
-        return runtime.block_on(move_rows(from, to));
+        return block_on(move_rows(from, to));
     }
-    runtime.block_on(async {
+    block_on(async {
         let location = &args.database.database;
         args.database.name();
         let before = schema::state(location).await?;

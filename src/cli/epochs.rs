@@ -7,6 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::database::DatabaseArgs;
+use super::process::block_on;
 use super::{files, progress};
 use crate::app::hidden::pools::publish_pool;
 use crate::app::signing::{Others, signing};
@@ -139,8 +140,7 @@ const NO_TIME: &str = "expected an RFC 3339 time, such as 2026-12-01T00:00:00Z, 
 /// # Errors
 /// Returns an error if the arguments are invalid, or a file or the database cannot be read or written.
 pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let store = args.database.open().await?;
         match &args.command {
             EpochsCommand::Create(new) => create(&store, new).await?,

@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use comfy_table::{Table, presets};
 
 use super::database::DatabaseArgs;
+use super::process::block_on;
 use crate::app::accounts::team;
 use crate::app::limits::LIMITS;
 use crate::clock::{now_ms, rfc3339};
@@ -71,8 +72,7 @@ enum KeysCommand {
 /// Returns an error if the database cannot be opened, an argument is invalid, the owner already has two live keys, or
 /// there is no such key.
 pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
             KeysCommand::Create { name, member, role, scopes, expires } => {

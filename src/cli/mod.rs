@@ -109,7 +109,7 @@ pub enum Command {
     Replay(replay::ReplayArgs),
     /// Print the OpenAPI document.
     Openapi,
-    /// Run one script from standard input in a confined process, which `serve` and `replay` start.
+    /// Fork a confined process for each script that `serve` and `replay` send on standard input.
     #[command(name = crate::actions::child::COMMAND, hide = true)]
     RunActionCode,
 }

@@ -14,6 +14,14 @@ pub fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
+/// Runs the work of a command on this thread.
+///
+/// # Errors
+/// Returns the error of the work, or one if the runtime cannot be made.
+pub fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(work)
+}
+
 /// Runs a service until the process is asked to stop. Calls `begin` once it has started; the task that it returns ends
 /// with the service.
 ///

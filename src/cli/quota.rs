@@ -6,6 +6,7 @@ use anyhow::bail;
 use clap::{Args, Subcommand};
 
 use super::database::DatabaseArgs;
+use super::process::block_on;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
 use plumbline_engine::text::{counted, did_you_mean};
@@ -59,8 +60,7 @@ enum QuotaCommand {
 /// # Errors
 /// Returns an error if the database cannot be opened, the owner is unknown, or the change is not allowed.
 pub fn run(args: &QuotaArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
             QuotaCommand::Grant { name, submissions, reason, new_owner } => {

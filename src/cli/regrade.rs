@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use uuid::Uuid;
 
 use super::database::DatabaseArgs;
+use super::process::block_on;
 use super::progress::bar;
 use crate::app::signing::{Others, signing};
 use crate::clock::{now_ms, rfc3339};
@@ -19,6 +20,7 @@ use crate::store::Store;
 use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
 use crate::store::reports::PackedReport;
+use crate::threads::yield_to_others;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::{Summary, grade_hashed};
 use plumbline_engine::tasks::catalogue::Entry;
@@ -82,9 +84,8 @@ struct Named {
 /// graded.
 pub fn run(args: &RegradeArgs) -> anyhow::Result<ExitCode> {
     // Lets a service on this machine go first. A failure does not change the results.
-    let _ = rustix::process::setpriority_process(None, NICENESS);
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    yield_to_others(NICENESS);
+    block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
             None => compute(&store, &args.database, &args.compute).await,
@@ -123,7 +124,7 @@ async fn compute(store: &Store, database: &DatabaseArgs, args: &ComputeArgs) -> 
         }
     }
     progress.finish_and_clear();
-    if !store.end_computing(&id, true, now_ms()).await? {
+    if !store.mark_ready(&id).await? {
         bail!("the regrade {id} was discarded while it was computed");
     }
     show(store, &id).await?;
@@ -239,7 +240,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
 }
 
 async fn discard(store: &Store, id: &str) -> anyhow::Result<()> {
-    if !store.end_computing(id, false, now_ms()).await? {
+    if !store.discard(id, now_ms()).await? {
         bail!("there is no regrade {id:?} to discard");
     }
     println!("discarded");

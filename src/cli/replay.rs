@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
 
+use super::process::block_on;
 use crate::actions::job::{Answer, Job, TurnInput};
 use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
@@ -57,13 +58,12 @@ struct File {
 /// # Errors
 /// Returns an error if a file cannot be read or is too large, or code cannot be run in a process.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let profile = args.profile.unwrap_or_default();
     let (turns, is_structure) = turns(args)?;
     let code = |files: &Vec<File>| TurnInput::Code(files.iter().map(|file| file.text.clone()).collect());
     let job = Job { profile, start: None, turns: turns.iter().map(code).collect(), is_compared: true };
     let run = async { Pool::new(1, ACTION_LIMITS).run(&job, &std::sync::Arc::from(""), &mut None).await };
-    let answer = runtime.block_on(run)?;
+    let answer = block_on(run)?;
     match print(&answer, is_structure) {
         // The reader has closed the pipe.
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(ExitCode::SUCCESS),

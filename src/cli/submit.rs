@@ -8,6 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::json;
 
+use super::process::block_on;
 use super::{files, grade, progress};
 use crate::client::{Answer, Service};
 use plumbline_engine::grading::raw_records::RecordedProblem;
@@ -61,8 +62,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
     let text = files::text(&args.file)?;
     let problems = grade::read_problems(&text).with_context(|| format!("{} is faulty", args.file.display()))?;
     let mut answers: Vec<Answer> = problems.iter().map(answer).collect();
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let service = Service::at(&args.server, args.key.as_deref())?;
         let agent = args.agent.as_deref().unwrap_or_default();
         // A name without a version is the newest, but the run is of the version that it was begun with.

@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use super::database::DatabaseArgs;
 use super::files;
+use super::process::block_on;
 use super::validate::{self, ValidateArgs};
 use crate::clock::now_ms;
 use crate::store::location::Location;
@@ -215,8 +216,7 @@ fn import(files: &[PathBuf], suite: Option<&str>, database: Option<Location>) ->
 }
 
 fn store(suite: &Suite, database: &DatabaseArgs) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let store = database.open().await?;
         let stored = store.put_suite(suite, now_ms()).await?;
         store.close().await;

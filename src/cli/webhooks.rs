@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use comfy_table::{Table, presets};
 
 use super::database::DatabaseArgs;
+use super::process::block_on;
 use crate::clock::rfc3339;
 use crate::store::Store;
 use crate::store::webhooks::WebhookChange;
@@ -40,8 +41,7 @@ enum WebhooksCommand {
 /// # Errors
 /// Returns an error if the database cannot be opened, or if there is no such webhook.
 pub fn run(args: &WebhooksArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {
             WebhooksCommand::List => list(&store).await,

@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
+use super::process::block_on;
 use crate::client::Service;
 use crate::clock::now_ms;
 use crate::store::secrets::Secrets;
@@ -73,8 +74,7 @@ struct Replaced {
 /// # Errors
 /// Returns an error if the service cannot be reached or answers something else, or a file cannot be read or written.
 pub fn run(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(follow(args))
+    block_on(follow(args))
 }
 
 async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {

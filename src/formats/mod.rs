@@ -20,10 +20,10 @@ use serde::{Deserialize, Serialize};
 const DATA_VERSION: i32 = 4189;
 /// Greatest number of cells in the box of a file whose format lists every cell.
 pub const MAX_CELLS: u64 = 1 << 23;
-/// Greatest number of cells along an axis of a schematic, whose lengths are shorts without a sign.
+/// Greatest number of cells along an axis of a schematic, whose lengths are unsigned shorts.
 pub const MAX_AXIS: u64 = 65_535;
-/// Greatest number of cells along an axis of a file that lists every cell and is written: other programs read shorts
-/// with a sign.
+/// Greatest number of cells along an axis of a file that lists every cell and is written: other programs read signed
+/// shorts.
 pub const MAX_AXIS_WRITTEN: u64 = 32_767;
 /// Greatest size of a file in bytes after decompression.
 pub const MAX_BYTES: u64 = 32 << 20;

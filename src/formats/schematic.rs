@@ -21,6 +21,7 @@ struct Root {
 #[derive(Deserialize)]
 #[serde(rename_all = "PascalCase")]
 struct Version3 {
+    version: i32,
     width: i32,
     height: i32,
     length: i32,
@@ -38,6 +39,7 @@ struct Blocks {
 #[derive(Deserialize)]
 #[serde(rename_all = "PascalCase")]
 struct Version2 {
+    version: Option<i32>,
     width: i32,
     height: i32,
     length: i32,
@@ -61,16 +63,28 @@ struct Metadata {
 pub fn read(unpacked: &[u8], is_version_3: bool, builder: Builder) -> FileResult<Build> {
     if is_version_3 {
         let file = parse::<Root>(unpacked)?.schematic;
+        is_read(file.version, 3..=3)?;
         let size = [file.width, file.height, file.length];
         return cells(size, offset(file.offset)?, &file.blocks.palette, &file.blocks.data, builder);
     }
     let file: Version2 = parse(unpacked)?;
+    is_read(file.version.unwrap_or(1), 1..=2)?;
     let size = [file.width, file.height, file.length];
     let corner = match file.metadata {
         Some(Metadata { x: Some(x), y: Some(y), z: Some(z) }) => [x, y, z],
         _ => offset(file.offset)?,
     };
     cells(size, corner, &file.palette, &file.block_data, builder)
+}
+
+/// Checks the version of a file, because a later one may mean something else by the same names.
+fn is_read(version: i32, known: std::ops::RangeInclusive<i32>) -> FileResult<()> {
+    if known.contains(&version) {
+        return Ok(());
+    }
+    Err(FileError::new(format!(
+        "Version: {version} of Sponge schematics in this form is not read; versions 1 to 3 are"
+    )))
 }
 
 fn offset(offset: Option<IntArray>) -> FileResult<[i32; 3]> {
@@ -89,7 +103,7 @@ fn cells(
     let mut lengths = [0; 3];
     for axis in 0..3 {
         let name = ["Width", "Height", "Length"][axis];
-        // Sizes are shorts without a sign, which NBT lacks.
+        // Sizes are unsigned shorts, which NBT lacks.
         let length = if size[axis] < 0 { size[axis] + (1 << 16) } else { size[axis] };
         lengths[axis] = u64::try_from(length)
             .ok()
@@ -123,7 +137,7 @@ fn cells(
     Ok(builder.build(corner))
 }
 
-/// Numbers of seven bits a byte, the lowest first; the highest bit of a byte says that more follow.
+/// LEB128 varints: seven bits a byte, the lowest first; the highest bit of a byte says that more follow.
 struct Varints<'a> {
     bytes: &'a [i8],
     at: usize,

@@ -26,7 +26,7 @@ use crate::app::signing::{Others, Signing, refuse_to_begin_anew, signing};
 use crate::app::webhooks::WebhookSettings;
 use crate::app::webhooks::delivering::deliver;
 use crate::app::{App, AppParts};
-use crate::clock::now_ms;
+use crate::clock::{DAY_MS, now_ms};
 use crate::http::middleware::rates::{RateSettings, Rates};
 use crate::http::role::Role;
 use crate::http::{self, HttpParts};
@@ -214,7 +214,6 @@ impl RunningService {
     /// Returns an error if the database fails.
     pub async fn demo_key(&self) -> anyhow::Result<String> {
         const OWNER: &str = "demo";
-        const DAY_MS: i64 = 86_400_000;
         let now = now_ms();
         for key in self.store.keys().await?.iter().filter(|key| key.owner == OWNER && key.is_live(now)) {
             self.store.revoke_key(&key.id, now).await?;

@@ -1,6 +1,7 @@
 //! Errors of the store.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::location::Location;
 
@@ -115,6 +116,15 @@ pub enum StoreError {
         /// Words of its server or of the operating system.
         detail: String,
     },
+    /// A transaction failed that stored this request together with others.
+    #[error(transparent)]
+    Group(Arc<StoreError>),
+    /// A line of an export cannot be written.
+    #[error("cannot write the export: {0}")]
+    Export(std::io::Error),
+    /// The operating system provides no random bytes.
+    #[error("the operating system provides no random bytes: {0}")]
+    NoRandom(getrandom::Error),
     /// An object that a row refers to is gone or damaged.
     #[error("a blob is lost: {0}")]
     BlobLost(String),
@@ -141,6 +151,7 @@ impl StoreError {
     #[must_use]
     pub fn is_busy(&self) -> bool {
         match self {
+            Self::Group(error) => error.is_busy(),
             Self::Database(sqlx::Error::PoolTimedOut | sqlx::Error::Io(_) | sqlx::Error::BeginFailed) => true,
             Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_busy_code(&code)),
             _ => false,
@@ -150,8 +161,11 @@ impl StoreError {
     /// Returns whether the disk of the database is full, so that the same operation may succeed once there is room.
     #[must_use]
     pub fn is_full(&self) -> bool {
-        let Self::Database(sqlx::Error::Database(error)) = self else { return false };
-        error.code().is_some_and(|code| is_full_code(&code))
+        match self {
+            Self::Group(error) => error.is_full(),
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| is_full_code(&code)),
+            _ => false,
+        }
     }
 
     /// Returns whether stored data is damaged, so that the same operation fails again.

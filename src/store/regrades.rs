@@ -165,23 +165,32 @@ impl Store {
         Ok(true)
     }
 
-    /// Marks a regrade as ready, or discards it with all its reports. Returns false if its state does not allow this.
+    /// Marks a regrade as ready. Returns false if it is not being computed.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn end_computing(&self, id: &str, is_kept: bool, now_ms: i64) -> StoreResult<bool> {
+    pub async fn mark_ready(&self, id: &str) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         tx.lock([Lock::Boards]).await?;
-        let update = if is_kept {
-            "UPDATE regrades SET state = 'ready' WHERE id = $1 AND state = 'computing'"
-        } else {
-            "UPDATE regrades SET state = 'discarded', ended_at_ms = $2 WHERE id = $1 AND state IN ('computing', 'ready')"
-        };
-        let found = query(update).bind(id).bind(now_ms).execute(&mut tx).await?;
-        if !is_kept {
+        let ready = "UPDATE regrades SET state = 'ready' WHERE id = $1 AND state = 'computing'";
+        let found = query(ready).bind(id).execute(&mut tx).await?;
+        commit(tx, "mark_ready").await?;
+        Ok(found > 0)
+    }
+
+    /// Discards a regrade with all its reports. Returns false if it was applied or discarded before.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn discard(&self, id: &str, now_ms: i64) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        tx.lock([Lock::Boards]).await?;
+        let discarded = "UPDATE regrades SET state = 'discarded', ended_at_ms = $2 WHERE id = $1 AND state IN ('computing', 'ready')";
+        let found = query(discarded).bind(id).bind(now_ms).execute(&mut tx).await?;
+        if found > 0 {
             query("DELETE FROM regraded WHERE regrade_id = $1").bind(id).execute(&mut tx).await?;
         }
-        commit(tx, "end_computing").await?;
+        commit(tx, "discard").await?;
         Ok(found > 0)
     }
 

@@ -1,5 +1,6 @@
 //! Ends of runs: skipped tasks, summary and result, and the check whether anything is still pending.
 
+use super::StoreResult;
 use super::db::{Tx, query, query_scalar};
 use super::events::{self, NewEvent};
 use super::results::enter_result;
@@ -7,7 +8,6 @@ use super::results::problems_of;
 use super::run_rows::{RunRow, Skip, count, run_in};
 use super::states::RunState;
 use super::suites::tasks_of;
-use super::{StoreError, StoreResult};
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::outcomes::Outcomes;
 use plumbline_engine::grading::{ProblemScores, Summary};
@@ -74,8 +74,7 @@ pub(super) async fn end_if_complete(tx: &mut Tx, id: &str, suite_id: &str, now_m
 /// Finishes a run with the result of its latest reports, or replaces the result of a finished run.
 pub(super) async fn set_result(tx: &mut Tx, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
     let problems = problems_of(tx, id).await?;
-    let summary = serde_json::to_string(&summarise(&problems, tasks));
-    let summary = summary.map_err(|error| StoreError::corrupt("runs", error))?;
+    let summary = serde_json::to_string(&summarise(&problems, tasks)).expect("a summary is JSON");
     query(
         "UPDATE runs SET state = 'finished', finished_at_ms = COALESCE(finished_at_ms, $2), summary = $3 WHERE id = $1",
     )

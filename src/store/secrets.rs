@@ -111,7 +111,6 @@ impl Secrets {
         let write = || -> std::io::Result<bool> {
             std::fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder)?;
             let draft = self.file(&format!(".{name}.{}", uuid::Uuid::new_v4()));
-            let _ = std::fs::remove_file(&draft);
             let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o600).open(&draft)?;
             // A command that root runs should not make files that the service cannot read. Where root may not give files
             // away, as on some network file systems, they stay root's.
@@ -131,6 +130,12 @@ impl Secrets {
             }
         };
         write().map_err(|error| failed(&path, &error))
+    }
+
+    /// Returns a secret that was there a moment ago.
+    fn must_get(&self, name: &str) -> StoreResult<Vec<u8>> {
+        let gone = || StoreError::Secret { path: self.file(name), detail: "is gone".to_owned() };
+        self.get(name)?.ok_or_else(gone)
     }
 
     fn get(&self, name: &str) -> StoreResult<Option<Vec<u8>>> {
@@ -265,7 +270,7 @@ impl Secrets {
     /// Returns an error if a file cannot be read or written, or if a different secret of the same name exists.
     pub fn copy_to(&self, other: &Self) -> StoreResult<()> {
         for name in self.names()? {
-            let content = self.get(&name)?.unwrap_or_default();
+            let content = self.must_get(&name)?;
             if !other.put(&name, &content)? && other.get(&name)?.as_ref() != Some(&content) {
                 let detail = "a different secret of this name exists".to_owned();
                 return Err(StoreError::Secret { path: other.file(&name), detail });
@@ -307,7 +312,7 @@ impl Secrets {
         if self.get(name)?.is_none() {
             self.put(name, hex(&random_key()?).as_bytes())?;
         }
-        let kept = self.get(name)?.unwrap_or_default();
+        let kept = self.must_get(name)?;
         let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
         let unreadable =
             || StoreError::Secret { path: self.file(name), detail: "is not 32 bytes of hexadecimal".to_owned() };
@@ -321,7 +326,6 @@ impl Secrets {
 /// Returns an error if the operating system cannot provide them.
 pub fn random_key() -> StoreResult<[u8; 32]> {
     let mut bytes = [0; 32];
-    getrandom::fill(&mut bytes)
-        .map_err(|error| StoreError::Secret { path: PathBuf::new(), detail: error.to_string() })?;
+    getrandom::fill(&mut bytes).map_err(StoreError::NoRandom)?;
     Ok(bytes)
 }

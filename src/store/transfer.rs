@@ -51,7 +51,8 @@ impl Kind {
                 },
                 Form::Packed => {
                     let json = blobs.unpack(pool, self.table, row.get(i)?).await?;
-                    RawValue::from_string(String::from_utf8_lossy(&json).into_owned())
+                    let json = String::from_utf8(json).map_err(|error| StoreError::corrupt(self.table, error))?;
+                    RawValue::from_string(json)
                 }
                 Form::Bytes => {
                     let bytes: Option<Vec<u8>> = row.get(i)?;
@@ -148,7 +149,7 @@ pub async fn export(
         let each = async |row: Row| {
             let line = kind.line(&row, &pool, &blobs).await?;
             let line = serde_json::to_string(&line).map_err(|e| StoreError::corrupt(kind.table, e))?;
-            write(kind, &line).map_err(|error| StoreError::Database(sqlx::Error::Io(error)))
+            write(kind, &line).map_err(StoreError::Export)
         };
         query(AssertSqlSafe(kind.select())).for_each(&mut moment, each).await?;
     }

@@ -18,13 +18,13 @@ const ENGINE: [&str; 10] =
     ["text", "voxel", "game", "intake", "elasticity", "checks", "tasks", "builders", "grading", "hidden"];
 /// Rooms of the service, and the rooms that each may import besides itself and the engine.
 const SERVICE: &[(&str, &[&str])] = &[
-    ("actions", &["fair", "near"]),
+    ("actions", &["fair"]),
     ("formats", &[]),
     ("pictures", &[]),
-    ("store", &["clock", "near", "tls"]),
-    ("app", &["actions", "clock", "fair", "formats", "near", "pictures", "store", "threads", "tls"]),
+    ("store", &["clock", "tls"]),
+    ("app", &["actions", "clock", "fair", "formats", "pictures", "store", "threads", "tls"]),
     ("worker", &["app", "clock", "store", "threads"]),
-    ("http", &["actions", "app", "clock", "fair", "formats", "near", "pictures", "store"]),
+    ("http", &["actions", "app", "clock", "fair", "formats", "pictures", "store"]),
 ];
 /// Words that would show that the engine knows the world.
 const IMPURE: [&str; 9] =

@@ -94,7 +94,13 @@ pub async fn versions(app: &App, caller: Option<&Caller>, of: CardOf<'_>) -> App
 /// Returns an error if the database fails.
 pub async fn of_runs(app: &App, runs: &[&str]) -> AppResult<HashMap<String, Card>> {
     let stored = app.store.latest_cards(runs).await?;
-    let read = |(run, card): (String, Value)| Some((run, serde_json::from_value(card).ok()?));
+    let read = |(run, card): (String, Value)| match serde_json::from_value(card) {
+        Ok(card) => Some((run, card)),
+        Err(error) => {
+            tracing::error!(%error, run, "the stored card of a run cannot be read");
+            None
+        }
+    };
     Ok(stored.into_iter().filter_map(read).collect())
 }
 

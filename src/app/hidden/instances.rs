@@ -14,7 +14,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
-use crate::app::replay::run_code;
+use crate::app::replay::complete_log;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
@@ -142,7 +142,7 @@ pub async fn answer_replayed(
         );
         return Err(AppError::faulty(faults));
     }
-    let mut action_code = run_code(app, caller.who(), &mut sent, &mut faults).await?;
+    let mut action_code = complete_log(app, caller.who(), &mut sent, &mut faults).await?;
     if !told_before.is_empty() {
         action_code = told_before;
     }

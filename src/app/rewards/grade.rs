@@ -20,7 +20,7 @@ use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
-use crate::app::replay::{place, run_sent};
+use crate::app::replay::{complete_log_within, take_permit};
 use crate::app::rewards::score::{CheckScore, GradeBody, Timings, UnmeasuredCheck};
 use crate::app::structure_files::{ORDER_IS_CHECKED, open_files};
 use crate::app::submissions::posted::check_against_task;
@@ -129,7 +129,7 @@ impl ReadRequest {
         if !found.has_code() {
             return found.prepare(app, who).await;
         }
-        let _permit = place(app, who)?;
+        let _permit = take_permit(app, who)?;
         // Most requests have no code, and need not carry the room for it.
         Box::pin(code_in_time(found.request.for_code, found.prepare(app, who))).await
     }
@@ -193,7 +193,7 @@ impl Found {
         }
         if self.has_code() && faults.is_empty() {
             let GradeRequest { deadline, for_code, .. } = &mut self.request;
-            replays = run_sent(app, who, &mut self.sent, for_code, &mut faults).await?;
+            replays = complete_log_within(app, who, &mut self.sent, for_code, &mut faults).await?;
             // What the code took is taken from the time for grading.
             *deadline = for_code.map_or(*deadline, |left| left.min(*deadline));
         }

@@ -67,7 +67,7 @@ pub fn quick_request(text: &[u8]) -> Option<NewGrade> {
     (scanner.is_at_end() && body.task.is_some() && body.turns.is_some()).then_some(body)
 }
 
-/// Reads a text of 1 to `most` characters.
+/// Reads a text of 1 to `most` bytes.
 fn short(scanner: &mut Scanner<'_>, most: usize) -> Option<String> {
     scanner.text().filter(|text| (1..=most).contains(&text.len())).map(str::to_owned)
 }

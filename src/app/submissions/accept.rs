@@ -14,7 +14,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::app::replay::run_codes;
+use crate::app::replay::complete_logs;
 use crate::app::structure_files::{ORDER_IS_CHECKED, checks_order};
 use crate::clock::now_ms;
 use crate::store::StoreError;
@@ -148,7 +148,7 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format, told: Ve
         }
     }
     if faults.is_empty() {
-        run_codes(app, caller.who(), &mut submissions, &mut faults).await?;
+        complete_logs(app, caller.who(), &mut submissions, &mut faults).await?;
     }
     if let [one] = submissions.as_mut_slice()
         && !told.is_empty()
@@ -280,8 +280,9 @@ fn prepare(
 }
 
 fn as_accepted(id: String, repeated: bool, submission: &NewSubmission) -> AcceptedSubmission {
-    let told = submission.replays.as_ref().and_then(|json| serde_json::from_str(json).ok());
-    AcceptedSubmission { id, repeated, action_code: told.unwrap_or_default() }
+    let action_code =
+        submission.replays.as_deref().map(|json| serde_json::from_str(json).expect("it was just written"));
+    AcceptedSubmission { id, repeated, action_code: action_code.unwrap_or_default() }
 }
 
 /// Returns the identifiers of the accepted submissions; 409 if any was not accepted, in which case none was.

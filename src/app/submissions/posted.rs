@@ -239,13 +239,17 @@ impl Shape<'_> for TaskShape<'_> {
     }
 
     fn scalar(self, value: &Scalar<'_>) -> Option<TaskRef> {
-        match value {
-            Scalar::Integer(number) if u32::try_from(*number).is_ok() => {
-                Some(TaskRef::Number(u32::try_from(*number).unwrap_or_default()))
-            }
+        let number = match value {
+            Scalar::Integer(number) => u32::try_from(*number).ok(),
             Scalar::Number(number) if number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number) => {
-                Some(TaskRef::Number(*number as u32))
+                Some(*number as u32)
             }
+            _ => None,
+        };
+        if let Some(number) = number {
+            return Some(TaskRef::Number(number));
+        }
+        match value {
             text @ Scalar::Text(_) => {
                 Text { faults: self.faults, min_chars: 1, max_chars: TASK_CHARS }.scalar(text).map(TaskRef::Id)
             }

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
+use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::structure_files::written;
 use crate::clock::now_ms;
 use crate::formats::FileFormat;
+use crate::store::StoreError;
 use crate::store::reports::ReportRow;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::SubmissionRow;
@@ -17,6 +19,15 @@ use plumbline_engine::voxel::BlockLog;
 
 /// Number of submissions ahead of another up to which they are counted.
 const MAX_COUNTED: i64 = 10_000;
+
+/// Reads the stored results of a submission's action code.
+///
+/// # Errors
+/// Returns an error if they are damaged.
+pub fn replays(stored: Option<&str>) -> AppResult<Vec<TurnReplay>> {
+    let read = |json| serde_json::from_str(json).map_err(|error| StoreError::corrupt("submissions", error));
+    Ok(stored.map(read).transpose()?.unwrap_or_default())
+}
 
 /// A submission and how long it still waits.
 #[derive(Debug)]

@@ -151,7 +151,7 @@ pub struct TaskBody {
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct TaskQuery {
+pub struct TaskListQuery {
     /// Suite, as `name` or `name@version`.
     #[param(example = "mineceraft")]
     suite: Option<String>,
@@ -198,7 +198,7 @@ pub enum Audience {
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct SuiteQuery {
+pub struct TaskQuery {
     /// `agent` leaves out what tells the checks: the checks, the criteria and the parameters.
     #[serde(rename = "for")]
     #[param(inline)]
@@ -211,9 +211,9 @@ pub struct SuiteQuery {
     suite: Option<String>,
 }
 
-impl From<TaskQuery> for TaskFilter {
-    fn from(query: TaskQuery) -> Self {
-        let TaskQuery { suite, family, category, kind, criterion, text, after, limit, .. } = query;
+impl From<TaskListQuery> for TaskFilter {
+    fn from(query: TaskListQuery) -> Self {
+        let TaskListQuery { suite, family, category, kind, criterion, text, after, limit, .. } = query;
         Self { suite, family, category, kind, criterion, text, after, limit }
     }
 }
@@ -221,7 +221,7 @@ impl From<TaskQuery> for TaskFilter {
 /// Lists the tasks of a suite by number, with filters and paging; or returns them as the data set of a trainer.
 #[utoipa::path(
     get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
-    params(TaskQuery),
+    params(TaskListQuery),
     responses(
         (status = 200, description = "A page of tasks, or a row for each task of one turn",
          headers(("ETag" = String, description = "Strong entity tag")), content(
@@ -237,7 +237,7 @@ pub async fn list_tasks(
     State(state): State<AppState>,
     Reader(who): Reader,
     headers: HeaderMap,
-    Params(query): Params<TaskQuery>,
+    Params(query): Params<TaskListQuery>,
 ) -> AppResult<Response> {
     let (track, format) = (query.track.unwrap_or_default(), query.format.unwrap_or_default());
     let (profile, scheme) = (query.profile.unwrap_or(Profile::Mindcraft), query.scheme.unwrap_or_default());
@@ -291,7 +291,7 @@ fn summary(task: &Task, track: Track) -> TaskSummary {
     params(
         ("family" = String, Path, description = "The part of the task's id before the slash", example = "walls"),
         ("instance" = String, Path, description = "The part of the task's id after the slash", example = "5x1x5-raise"),
-        SuiteQuery,
+        TaskQuery,
     ),
     responses(
         (status = 200, description = "The task", headers(("ETag" = String, description = "Strong entity tag")), body = TaskBody,
@@ -303,7 +303,7 @@ pub async fn get_task(
     State(state): State<AppState>,
     Path((family, instance)): Path<(String, String)>,
     headers: HeaderMap,
-    Params(query): Params<SuiteQuery>,
+    Params(query): Params<TaskQuery>,
 ) -> AppResult<Response> {
     let found = tasks::with_id(&state, query.suite.as_deref(), &format!("{family}/{instance}")).await?;
     let track = query.track.unwrap_or_default();

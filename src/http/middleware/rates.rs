@@ -57,7 +57,7 @@ pub struct Rates {
 /// State of a client's rate limit.
 #[derive(Debug, Clone, Copy)]
 pub struct RateLimitStatus {
-    a_second: u32,
+    per_second: u32,
     left: u32,
 }
 
@@ -94,7 +94,7 @@ impl Rates {
     /// Creates the limiters.
     #[must_use]
     pub fn new(settings: RateSettings) -> Self {
-        let quota = |a_second| NonZeroU32::new(a_second).map(Quota::per_second);
+        let quota = |per_second| NonZeroU32::new(per_second).map(Quota::per_second);
         Self {
             keys: quota(settings.per_key).map(|quota| RateLimiter::keyed(quota).with_middleware()),
             addresses: quota(settings.per_address).map(|quota| RateLimiter::keyed(quota).with_middleware()),
@@ -162,18 +162,18 @@ impl Rates {
     ) -> Result<RateLimitStatus, RateLimited> {
         match limiter.check_key(of) {
             Ok(state) => Ok(RateLimitStatus {
-                a_second: state.quota().burst_size().get(),
+                per_second: state.quota().burst_size().get(),
                 left: state.remaining_burst_capacity(),
             }),
             Err(refused) => {
                 metrics::counter!("plumbline_rate_limited_total", "by" => what.to_owned()).increment(1);
-                let a_second = refused.quota().burst_size().get();
+                let per_second = refused.quota().burst_size().get();
                 let wait = refused.wait_time_from(self.clock.now()).as_secs_f64().ceil().max(1.0);
-                let detail = format!("more than {a_second} requests per second from this {what}; see Retry-After");
+                let detail = format!("more than {per_second} requests per second from this {what}; see Retry-After");
                 let error = AppError::new(Kind::RateLimited, detail);
                 Err(RateLimited {
                     error: error.retry_after(wait as u32),
-                    status: Some(RateLimitStatus { a_second, left: 0 }),
+                    status: Some(RateLimitStatus { per_second, left: 0 }),
                 })
             }
         }
@@ -196,7 +196,7 @@ impl RateLimitStatus {
         const LIMIT: HeaderName = HeaderName::from_static("ratelimit-limit");
         const REMAINING: HeaderName = HeaderName::from_static("ratelimit-remaining");
         const RESET: HeaderName = HeaderName::from_static("ratelimit-reset");
-        headers.insert(LIMIT, HeaderValue::from(self.a_second));
+        headers.insert(LIMIT, HeaderValue::from(self.per_second));
         headers.insert(REMAINING, HeaderValue::from(self.left));
         // The limit is fully replenished one second after the last request.
         headers.insert(RESET, HeaderValue::from_static("1"));

@@ -18,7 +18,7 @@ use crate::actions::CodeError;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::error::AppError;
 use crate::app::runs::read::answer;
-use crate::app::submissions::read::{details, log, status, stored};
+use crate::app::submissions::read::{details, log, replays, status, stored};
 use crate::app::submissions::stress::{StressedStructure, of_submission};
 use crate::clock::rfc3339;
 use crate::http::extract::caller::Reader;
@@ -243,7 +243,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         created: rfc3339(details.row.created_at_ms),
         graded: details.report.as_ref().map(|report| rfc3339(report.graded_at_ms)).unwrap_or_default(),
         report: details.report,
-        replays: details.row.replays.as_deref().and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default(),
+        replays: replays(details.row.replays.as_deref())?,
         queued,
         row: details.row,
     })

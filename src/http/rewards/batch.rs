@@ -351,8 +351,7 @@ fn panicked() -> AppError {
 }
 
 fn write_line(lines: &mut Vec<u8>, item: &BatchItem) {
-    // Writing to memory does not fail, and an item is plain data.
-    let _ = serde_json::to_writer(&mut *lines, item);
+    serde_json::to_writer(&mut *lines, item).expect("memory can be written, and an item is plain data");
     lines.push(b'\n');
 }
 

@@ -304,6 +304,6 @@ pub async fn list_run_submissions(
 ) -> AppResult<Json<SubmissionPage>> {
     let SubmissionsOfRun { entry, page } = read::submissions(&state, &id, query.after, query.limit).await?;
     let next_after = page.next(|last| last.task_number);
-    let submissions = page.items.into_iter().map(|row| SubmissionBody::of(row, &entry)).collect();
+    let submissions = page.items.into_iter().map(|row| SubmissionBody::of(row, &entry)).collect::<AppResult<_>>()?;
     Ok(Json(SubmissionPage { submissions, next_after }))
 }

@@ -80,7 +80,7 @@ pub async fn validate_submission(
 ) -> AppResult<Json<ValidatedList>> {
     let JsonBody { bytes, format, share: _share } = body;
     let valid = validate(&state, &caller, bytes, format).await?;
-    let submissions = valid.iter().map(|(new, accepted)| Validated::of(new, accepted.repeated)).collect();
+    let submissions = valid.iter().map(|(new, accepted)| Validated::of(new, accepted)).collect();
     Ok(Json(ValidatedList { submissions }))
 }
 

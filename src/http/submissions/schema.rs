@@ -3,7 +3,9 @@
 use serde::Serialize;
 
 use crate::actions::turn_replay::TurnReplay;
+use crate::app::error::AppResult;
 use crate::app::submissions::accept::AcceptedSubmission;
+use crate::app::submissions::read::replays;
 use crate::clock::rfc3339;
 use crate::store::states::SubmissionState;
 use crate::store::submissions::{NewSubmission, SubmissionRow};
@@ -68,10 +70,12 @@ pub struct SubmissionBody {
 
 impl SubmissionBody {
     /// Builds the body of a stored submission; `entry` is the suite of its task.
-    #[must_use]
-    pub fn of(row: SubmissionRow, entry: &Entry) -> Self {
+    ///
+    /// # Errors
+    /// Returns an error if the stored results of its action code are damaged.
+    pub fn of(row: SubmissionRow, entry: &Entry) -> AppResult<Self> {
         let number = row.task_number;
-        Self {
+        Ok(Self {
             task: entry.task_numbered(number).map(|(task, _)| task.id.clone()).unwrap_or_default(),
             number,
             id: row.id,
@@ -90,8 +94,8 @@ impl SubmissionBody {
             queued_before: None,
             estimated_seconds: None,
             profile: row.profile,
-            action_code: row.replays.and_then(|json| serde_json::from_str(&json).ok()).unwrap_or_default(),
-        }
+            action_code: replays(row.replays.as_deref())?,
+        })
     }
 }
 
@@ -157,15 +161,15 @@ pub struct Validated {
 impl Validated {
     /// Builds the description of a submission that is ready to store.
     #[must_use]
-    pub fn of(new: &NewSubmission, repeated: bool) -> Self {
+    pub fn of(new: &NewSubmission, accepted: &AcceptedSubmission) -> Self {
         Self {
             suite: new.suite_id.clone(),
             number: new.task_number,
             turns: new.turns,
             events: new.events,
             log_hash: new.log_hash.clone(),
-            repeated,
-            action_code: new.replays.as_ref().and_then(|json| serde_json::from_str(json).ok()).unwrap_or_default(),
+            repeated: accepted.repeated,
+            action_code: accepted.action_code.clone(),
         }
     }
 }

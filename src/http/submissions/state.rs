@@ -11,10 +11,10 @@ pub use crate::app::submissions::read::stored;
 use crate::app::submissions::read::{SubmissionStatus, status};
 use crate::http::state::AppState;
 
-impl From<SubmissionStatus> for SubmissionBody {
-    fn from(SubmissionStatus { row, entry, queued_before, estimated_seconds }: SubmissionStatus) -> Self {
-        Self { queued_before, estimated_seconds, ..Self::of(row, &entry) }
-    }
+fn body(
+    SubmissionStatus { row, entry, queued_before, estimated_seconds }: SubmissionStatus,
+) -> AppResult<SubmissionBody> {
+    Ok(SubmissionBody { queued_before, estimated_seconds, ..SubmissionBody::of(row, &entry)? })
 }
 
 /// Returns a submission's state and, once graded, its verdict.
@@ -27,7 +27,7 @@ impl From<SubmissionStatus> for SubmissionBody {
     )
 )]
 pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String>) -> AppResult<Json<SubmissionBody>> {
-    Ok(Json(status(&state, &id).await?.into()))
+    Ok(Json(body(status(&state, &id).await?)?))
 }
 
 /// Cancels a submission that is queued or being graded. It ends as `cancelled`, and its task may be answered again.
@@ -46,5 +46,5 @@ pub async fn cancel_submission(
     caller: Caller,
     Path(id): Path<String>,
 ) -> AppResult<Json<SubmissionBody>> {
-    Ok(Json(cancel(&state, &caller, &id).await?.into()))
+    Ok(Json(body(cancel(&state, &caller, &id).await?)?))
 }

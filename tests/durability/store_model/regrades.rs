@@ -112,7 +112,8 @@ impl Scene {
         if expected {
             regrade.state = if is_kept { State::Ready } else { State::Discarded };
         }
-        assert_eq!(self.store.end_computing(id, is_kept, self.now_ms).await.unwrap(), expected);
+        let ended = if is_kept { self.store.mark_ready(id).await } else { self.store.discard(id, self.now_ms).await };
+        assert_eq!(ended.unwrap(), expected);
     }
 
     async fn apply(&mut self, id: &str) {

@@ -39,14 +39,14 @@ use issued::Issued;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Breach {
     /// Subject of the breach: "key", "leaf 17 (slabs/00017)", "instance …".
-    pub place: String,
+    pub subject: String,
     /// Description of the fault.
     pub detail: String,
 }
 
 impl fmt::Display for Breach {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.place, self.detail)
+        write!(f, "{}: {}", self.subject, self.detail)
     }
 }
 
@@ -72,8 +72,8 @@ pub struct Verified {
 }
 
 impl Verified {
-    pub(super) fn breach(&mut self, place: impl Into<String>, detail: impl Into<String>) {
-        self.breaches.push(Breach { place: place.into(), detail: detail.into() });
+    pub(super) fn breach(&mut self, subject: impl Into<String>, detail: impl Into<String>) {
+        self.breaches.push(Breach { subject: subject.into(), detail: detail.into() });
     }
 }
 
