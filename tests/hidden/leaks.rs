@@ -42,7 +42,7 @@ fn class(word: &str) -> String {
     let is_hash = [16, 64, 128].contains(&word.len()) && hex(word);
     let is_time = word.len() >= 20 && word.starts_with("20") && word.contains('T') && word.ends_with('Z');
     let is_milliseconds = word.len() == 13 && word.chars().all(|c| c.is_ascii_digit());
-    let is_request = word.split_once('-').is_some_and(|(own, number)| own.len() == 16 && hex(own) && hex(number));
+    let is_request = word.len() == 32 && hex(word);
     let is_fraction = word.contains('.') && word.parse::<f64>().is_ok();
     match () {
         () if word.starts_with("127.0.0.1:") => "HOST".to_owned(),
