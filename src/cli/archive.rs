@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::error::Category;
 
+use super::epoch_page;
 use super::evidence::key;
 use super::files;
 use super::process::block_on;
@@ -208,6 +209,10 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let size = kept.log.last().map_or(0, |last| last.seq);
     kept.heads.retain(|head| head.size == size);
     let mut is_good = verified(&reveal, &kept)?;
+    for difference in epoch_page::differences(&archive.epoch, &reveal) {
+        println!("BROKEN  epoch page: {difference}");
+        is_good = false;
+    }
     if kept.log.is_empty() {
         println!("BROKEN  log: the archive has no receipt of the public log");
         is_good = false;

@@ -8,6 +8,7 @@ pub mod copies;
 pub mod database;
 pub mod demo;
 pub mod environment;
+mod epoch_page;
 pub mod epochs;
 mod evidence;
 mod files;

@@ -1,5 +1,6 @@
 //! The process of a service: logs, signals, and an orderly end.
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
@@ -12,6 +13,11 @@ use crate::telemetry::{self, LogFormat};
 /// Returns the number of processors that the process may use.
 pub fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// Writes a line to standard error. A service runs on where nobody can read it, as on a full disk.
+pub fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 /// Runs the work of a command on this thread.

@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::BoolishValueParser;
 
 use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
-use super::process::{processors, run_until_stopped};
+use super::process::{processors, run_until_stopped, say};
 use super::witness::witness_key;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
@@ -119,21 +119,21 @@ pub struct ServeArgs {
 
 /// Prints the addresses of the service, and who needs a key.
 fn greet(args: &ServeArgs, app: &RunningService) {
-    eprintln!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address);
+    say(&format!("plumbline is at http://{}/ (API reference: /docs/); Ctrl-C stops it", app.address));
     if let Some(address) = app.admin_address {
-        eprintln!("metrics and administration are at http://{address}/");
+        say(&format!("metrics and administration are at http://{address}/"));
     }
     if args.grade_only {
         return;
     }
     if args.open {
-        eprintln!("the service is open: anyone who can reach it may write without a key");
+        say("the service is open: anyone who can reach it may write without a key");
         return;
     }
     if args.open_grade {
-        eprintln!("anyone who can reach it may grade (/v1/grade, /verify, /get_reward) without a key");
+        say("anyone who can reach it may grade (/v1/grade, /verify, /get_reward) without a key");
     }
-    eprintln!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.database);
+    say(&format!("writing needs a key: plumbline keys create --name YOU --database {}", args.database.database));
 }
 
 /// Runs the command until the process is asked to stop.

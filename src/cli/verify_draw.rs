@@ -1,4 +1,5 @@
-//! `plumbline verify-draw`: checks the proof of a draw against the commitment of its epoch, before the epoch is over.
+//! `plumbline verify-draw`: checks the proof and the receipt of a draw against the commitment of its epoch, before the
+//! epoch is over.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -7,10 +8,13 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
+use super::evidence::{key, read_given};
 use super::files;
 use crate::app::hidden::draws::DrawProof;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::draw_proof::{DrawMessage, verify};
+use plumbline_engine::hidden::evidence::{Fact, fact, prompts_hash};
+use plumbline_engine::hidden::receipts::verify_signature;
 use plumbline_engine::tasks::hex;
 
 /// Arguments of `verify-draw`.
@@ -24,6 +28,10 @@ pub struct VerifyDrawArgs {
     /// Nonce that you sent. Without it, the one that the response states is taken.
     #[arg(long)]
     nonce: Option<String>,
+    /// Additional public key of receipts to trust, in hex, besides the one that the epoch committed to; needed if the key
+    /// changed.
+    #[arg(long = "key", value_name = "HEX", value_parser = key)]
+    keys: Vec<String>,
 }
 
 /// Runs `verify-draw`, with exit code 1 if the proof does not hold.
@@ -32,7 +40,7 @@ pub struct VerifyDrawArgs {
 /// Returns an error if a file cannot be read or is something else.
 pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
     let (response, epoch): (Value, Value) = (files::json(&args.draw)?, files::json(&args.commitment)?);
-    let draw = response.get("draw").cloned().unwrap_or(response);
+    let draw = response.get("draw").unwrap_or(&response).clone();
     let not_a_draw = || {
         format!(
             "{}: has no proof of a draw; expected the response to POST /v1/entries/ID/instances",
@@ -44,7 +52,7 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
     let not_an_epoch =
         || format!("{}: is no epoch; expected the response to GET /v1/epochs/NAME", args.commitment.display());
     let commitment: Commitment = serde_json::from_value(commitment).with_context(not_an_epoch)?;
-    let Some(key) = &commitment.draw_key else {
+    let Some(draw_key) = &commitment.draw_key else {
         bail!("the epoch {} committed to no key of draws: its draws are checked after the reveal", commitment.epoch);
     };
     if args.nonce.as_ref().is_some_and(|nonce| *nonce != draw.nonce) {
@@ -56,8 +64,8 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
         bail!("{file} is a draw of the epoch {:?}, and {other} is the epoch {:?}", draw.epoch, commitment.epoch);
     }
     let message = DrawMessage { epoch: &draw.epoch, entry: &draw.entry, run: draw.run, nonce: &draw.nonce };
-    let Some(output) = verify(key, &message, &draw.proof) else {
-        println!("BROKEN  proof: it does not hold under the key {key}");
+    let Some(output) = verify(draw_key, &message, &draw.proof) else {
+        println!("BROKEN  proof: it does not hold under the key {draw_key}");
         return Ok(ExitCode::FAILURE);
     };
     if hex(&output) != draw.output {
@@ -69,5 +77,72 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
          after the reveal",
         draw.run, draw.entry, draw.epoch
     );
-    Ok(ExitCode::SUCCESS)
+    let receipt_key = commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
+    let trusted: Vec<&str> = args.keys.iter().map(String::as_str).chain(receipt_key).collect();
+    Ok(match receipt_of(&response, &draw, &trusted) {
+        Receipt::Holds => {
+            println!(
+                "its receipt states these instances and prompts: keep this file, and give it to verify-epoch (--given)"
+            );
+            ExitCode::SUCCESS
+        }
+        Receipt::NotChecked(why) => {
+            println!("NOT CHECKED  receipt: {why}");
+            ExitCode::SUCCESS
+        }
+        Receipt::Broken(why) => {
+            println!("BROKEN  receipt: {why}");
+            ExitCode::FAILURE
+        }
+    })
+}
+
+/// What the receipt of a draw is worth.
+enum Receipt {
+    /// It is signed, and states what the response says.
+    Holds,
+    /// It cannot be compared, for this reason.
+    NotChecked(String),
+    /// It is not what it should be, for this reason.
+    Broken(String),
+}
+
+/// Compares the response to a draw with the receipt in it.
+fn receipt_of(response: &Value, draw: &DrawProof, trusted: &[&str]) -> Receipt {
+    let Some(receipt) = response.get("receipt").filter(|receipt| !receipt.is_null()) else {
+        let why =
+            "there is none in the file; save the whole response, which has one since plumbline signs draws at once";
+        return Receipt::NotChecked(why.to_owned());
+    };
+    let Some(given) = read_given(receipt) else { return Receipt::Broken("it is no receipt".to_owned()) };
+    if verify_signature(&given.receipt, &given.public_key, &given.signature).is_err() {
+        return Receipt::Broken("its signature does not hold".to_owned());
+    }
+    if !trusted.contains(&given.public_key.as_str()) {
+        let key = &given.public_key;
+        return Receipt::NotChecked(format!(
+            "it is signed with {key}, which the epoch did not commit to; if you know that key from elsewhere, trust it with --key"
+        ));
+    }
+    let Some(Fact::Draw(stated)) = fact(&given.receipt) else {
+        return Receipt::Broken("it states something else than a draw".to_owned());
+    };
+    let of = (&stated.entry, stated.run, &stated.nonce, stated.proof.as_ref());
+    if given.receipt["epoch"] != draw.epoch || of != (&draw.entry, draw.run, &draw.nonce, Some(&draw.proof)) {
+        return Receipt::Broken("it is of another draw".to_owned());
+    }
+    let instances = response["instances"].as_array().map(Vec::as_slice).unwrap_or_default();
+    if !instances.iter().map(|own| own["id"].as_str()).eq(stated.instances.iter().map(|id| Some(id.as_str()))) {
+        return Receipt::Broken("it states other instances than the response has".to_owned());
+    }
+    for (instance, hash) in instances.iter().zip(&stated.prompts_sha256) {
+        let prompts = instance["prompts"].as_array().map(Vec::as_slice).unwrap_or_default();
+        if *hash != prompts_hash(prompts.iter().map(|prompt| prompt.as_str().unwrap_or_default())) {
+            return Receipt::Broken(format!("it states other prompts for instance {}", instance["id"]));
+        }
+    }
+    if stated.prompts_sha256.len() != instances.len() {
+        return Receipt::Broken("it does not state the prompts of all instances".to_owned());
+    }
+    Receipt::Holds
 }

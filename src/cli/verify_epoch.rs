@@ -211,6 +211,9 @@ pub(super) fn verified(reveal: &Reveal, kept: &Kept) -> anyhow::Result<bool> {
     if kept.given.is_empty() {
         println!("NOT CHECKED  receipts that were handed out: none was given (--given)");
     }
+    for remark in &found.remarks {
+        println!("NOTE  {remark}");
+    }
     for what in &found.unchecked {
         println!("NOT CHECKED  {what}");
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 
 use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
-use super::process::{processors, run_until_stopped};
+use super::process::{processors, run_until_stopped, say};
 use super::serve::MOST_PUBLISH_SECONDS;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
@@ -79,10 +79,10 @@ pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
     };
     run_until_stopped(&config, args.log_format, async |app| {
         if args.log_format == LogFormat::Text {
-            eprintln!(
+            say(&format!(
                 "plumbline is at http://{}/ and grades submissions of {}; it serves probes and metrics",
                 app.address, config.database
-            );
+            ));
         }
         Ok(None)
     })

@@ -12,7 +12,7 @@ use super::locks::Lock;
 use super::secrets::EpochSecret;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::commitment::Commitment;
-use plumbline_engine::hidden::evidence::{DrawFact, Fact};
+use plumbline_engine::hidden::evidence::{DrawFact, Fact, GivenReceipt, prompts_hash};
 use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::hidden::pool::Specification;
 use plumbline_engine::hidden::siblings::Siblings;
@@ -110,10 +110,10 @@ pub enum DrawDecision {
 pub type DecideDraw = fn(&NewDraw<'_>, &DrawFacts) -> DrawDecision;
 
 /// Outcome of drawing a run.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Issued {
-    /// The instances of the run.
-    Instances(Vec<InstanceRow>),
+    /// The instances of the run, with the receipt of the draw.
+    Instances(Vec<InstanceRow>, Option<GivenReceipt>),
     /// Nothing was issued, for this reason.
     Refused(DrawRefusal),
 }
@@ -131,11 +131,19 @@ impl Store {
         let facts = facts_of(&mut tx, new.entry_id, &before, now_ms).await?;
         let leaves = match decide(new, &facts) {
             DrawDecision::Issue(leaves) => leaves,
-            DrawDecision::Repeat => return Ok(Issued::Instances(before)),
+            DrawDecision::Repeat => {
+                let receipt = match before.first() {
+                    Some(first) => receipt_of_draw(&mut tx, facts.epoch.id(), &first.id).await?,
+                    None => None,
+                };
+                return Ok(Issued::Instances(before, receipt));
+            }
             DrawDecision::Refuse(refusal) => return Ok(Issued::Refused(refusal)),
         };
+        let mut prompts_sha256 = Vec::with_capacity(leaves.len());
         for (ordinal, drawn) in (facts.issued_leaves.len() as i64 + 1..).zip(&leaves) {
-            insert(&mut tx, new, &facts.epoch.commitment, ordinal, drawn, now_ms).await?;
+            let task = insert(&mut tx, new, &facts.epoch.commitment, ordinal, drawn, now_ms).await?;
+            prompts_sha256.push(prompts_hash(task.turns.iter().map(|turn| turn.prompt.as_str())));
         }
         let instances = of_run(&mut tx, new.entry_id, new.run).await?;
         let drawn = DrawFact {
@@ -144,12 +152,31 @@ impl Store {
             nonce: new.nonce.to_owned(),
             proof: new.lot.proof().map(ToOwned::to_owned),
             instances: instances.iter().map(|own| own.id.clone()).collect(),
+            prompts_sha256,
             drawn_at_ms: now_ms,
         };
-        witness(&mut tx, &*self.signer()?, facts.epoch.id(), &Fact::Draw(drawn)).await?;
+        let receipt = witness(&mut tx, &*self.signer()?, facts.epoch.id(), &Fact::Draw(drawn)).await?;
         commit(tx, "issue_instances").await?;
-        Ok(Issued::Instances(instances))
+        Ok(Issued::Instances(instances, Some(receipt)))
     }
+}
+
+/// Returns the receipt of the draw whose first instance this is, published or not. Within a text of canonical JSON a
+/// quotation mark has a backslash before it, so the pattern matches no other receipt.
+async fn receipt_of_draw(tx: &mut Tx, epoch_id: &str, first: &str) -> StoreResult<Option<GivenReceipt>> {
+    let found: Option<(String, String, String, String)> = query_as(
+        "SELECT body, hash, signature, public_key FROM pending_receipts WHERE epoch_id = $1 AND body LIKE $2
+         UNION ALL SELECT body, hash, signature, public_key FROM receipts WHERE epoch_id = $1 AND body LIKE $2",
+    )
+    .bind(epoch_id)
+    .bind(format!("%\"draw\":{{%\"instances\":[\"{first}\"%"))
+    .fetch_optional(tx)
+    .await?;
+    let read = |(body, hash, signature, public_key): (String, String, String, String)| {
+        let receipt = serde_json::from_str(&body).map_err(|error| StoreError::corrupt("receipts", error))?;
+        Ok(GivenReceipt { receipt, hash, signature, public_key })
+    };
+    found.map(read).transpose()
 }
 
 /// Reads the facts that decide on the draw of a run; `before` holds its issued instances.
@@ -168,15 +195,15 @@ async fn facts_of(tx: &mut Tx, entry_id: &str, before: &[InstanceRow], now_ms: i
     Ok(DrawFacts { entry, epoch, earlier_nonce, holdings, issued_leaves, own_leaves, now_ms })
 }
 
-/// Stores an instance and its task.
-async fn insert(
+/// Stores an instance and its task, which it returns.
+async fn insert<'d>(
     tx: &mut Tx,
-    new: &NewDraw<'_>,
+    new: &'d NewDraw<'_>,
     commitment: &Commitment,
     ordinal: i64,
     drawn: &DrawnLeaf,
     now_ms: i64,
-) -> StoreResult<()> {
+) -> StoreResult<&'d Task> {
     let Some(specification) = new.specification(commitment, drawn.leaf) else {
         return Err(StoreError::corrupt("secrets", format!("the pool has no leaf {}", drawn.leaf)));
     };
@@ -203,7 +230,7 @@ async fn insert(
     .bind(salt)
     .execute(tx)
     .await?;
-    Ok(())
+    Ok(&specification.task)
 }
 
 /// Stores a task under its hash, and returns the hash.

@@ -72,7 +72,7 @@ pub struct RegistrationFacts {
     pub own: Vec<EntryRow>,
     /// Runs that the entries of the epoch hold.
     pub holdings: Vec<Holding>,
-    /// Owner who first registered the entry's configuration in this epoch, in any tier.
+    /// Owner who first registered the entry's configuration, in any epoch and tier.
     pub configuration_holder: Option<String>,
     /// Time of the decision, in milliseconds since 1970.
     pub now_ms: i64,
@@ -150,12 +150,10 @@ async fn facts_of(tx: &mut Tx, new: &NewEntry<'_>, now_ms: i64) -> StoreResult<R
     let epoch = epoch_in(tx, new.epoch_id).await?.ok_or_else(|| StoreError::corrupt("epochs", "gone"))?;
     let own = own_entries_in(tx, new.epoch_id, new.tier, new.owner).await?;
     let holdings = holdings_in(tx, new.epoch_id).await?;
-    let configuration_holder: Option<String> = query_scalar(
-        "SELECT owner FROM entries WHERE epoch_id = $1 AND configuration_hash = $2 ORDER BY registered_at_ms, id LIMIT 1",
-    )
-    .bind(new.epoch_id)
-    .bind(new.configuration_hash)
-    .fetch_optional(tx)
-    .await?;
+    let configuration_holder: Option<String> =
+        query_scalar("SELECT owner FROM entries WHERE configuration_hash = $1 ORDER BY registered_at_ms, id LIMIT 1")
+            .bind(new.configuration_hash)
+            .fetch_optional(tx)
+            .await?;
     Ok(RegistrationFacts { epoch, own, holdings, configuration_holder, now_ms })
 }

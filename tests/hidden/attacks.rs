@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::support::epoch::{CONFIGURATION, Scene, all_are_graded, answer_to, id, run, said};
-use crate::support::tampering::{forged_without_the_last_entry, tamperings};
+use crate::support::tampering::{forged_with_other_prompts, forged_without_the_last_entry, tamperings};
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, Verified, verify};
 use plumbline_engine::voxel::BlockLog;
@@ -125,6 +125,11 @@ async fn every_tampering_with_a_reveal_is_found() {
     assert!(!found(Kept { given: all.given, ..base() }).is_empty(), "what entrants were given");
     assert!(!found(Kept { log: all.log, heads: all.heads, ..base() }).is_empty(), "the log");
     assert!(!found(Kept { boards: all.boards, ..base() }).is_empty(), "the boards");
+    // Prompts follow from the key, so false ones show from the reveal alone.
+    let other_prompts = forged_with_other_prompts(&scene, &downloaded.reveal);
+    let other_prompts: Reveal = serde_json::from_value(other_prompts).unwrap();
+    let breaches = verify(&other_prompts, &base()).unwrap().breaches;
+    assert!(breaches.iter().any(|breach| breach.detail.contains("asked something else")), "{breaches:?}");
     the_log_is_not_believed_for_being_long(&reveal, &downloaded);
     the_command_says_the_same(&scene, &downloaded);
 }

@@ -3,8 +3,10 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
-use crate::support::epoch::{Scene, run, said};
+use crate::support::database;
+use crate::support::epoch::{CONFIGURATION, Scene, id, run, said};
 use crate::support::repository;
+use plumbline::store::db::query;
 use serde_json::{Value, json};
 
 #[tokio::test]
@@ -13,7 +15,9 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
     let lab = scene.key("lab");
     let epoch = scene.service.get("/v1/epochs/autumn").await.json();
     std::fs::write(scene.file("epoch.json"), epoch.to_string()).unwrap();
-    let entry = scene.register(&lab, "official", 2).await;
+    let new = json!({ "agent": "a", "configuration_sha256": CONFIGURATION, "tier": "official", "runs": 2 });
+    let registered = scene.made(&lab, "/v1/epochs/autumn/entries", &new).await;
+    let (entry, entry_receipt) = (id(&registered), &registered["receipt"]);
     let path = format!("/v1/entries/{entry}/instances");
     let nonce = "eine Nonce, \"quoted\" и своя 🎲";
     let first = scene.made(&lab, &path, &json!({ "run": 1, "nonce": nonce })).await;
@@ -30,9 +34,29 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
         let by_python = Command::new("python3").arg(script).args([&draw, &epoch]).output().unwrap();
         (checked.status.success(), by_python.status.success(), said(&checked) + &said(&by_python))
     };
-    for draw in [&first, &second, &first["draw"]] {
+    for (draw, of_receipt) in [
+        (&first, "its receipt states these instances and prompts"),
+        (&second, "its receipt states these instances and prompts"),
+        (&first["draw"], "NOT CHECKED  receipt: there is none"),
+    ] {
         let (ours, theirs, told) = said_of(draw, &["--nonce", nonce]);
-        assert!(ours && theirs, "{told}");
+        assert!(ours && theirs && told.contains(of_receipt), "{told}");
+    }
+    // What is asked is signed: other prompts, other instances and another receipt are found by the program.
+    let with = |pointer: &str, value: Value| {
+        let mut changed = first.clone();
+        *changed.pointer_mut(pointer).unwrap() = value;
+        changed
+    };
+    for (changed, why) in [
+        (with("/instances/0/prompts/0", json!("Build what you like.")), "it states other prompts for instance"),
+        (with("/instances/0/id", second["instances"][0]["id"].clone()), "it states other instances"),
+        (with("/receipt", second["receipt"].clone()), "it is of another draw"),
+        (with("/receipt/receipt/draw/drawn_at_ms", json!(0)), "its signature does not hold"),
+        (with("/receipt", entry_receipt.clone()), "it states something else than a draw"),
+    ] {
+        let (ours, _, told) = said_of(&changed, &[]);
+        assert!(!ours && told.contains(&format!("BROKEN  receipt: {why}")), "{told}");
     }
     // Whatever is changed, and the draw of another run: found by the program and by the script.
     let exchanged = |member: &str, value: Value| {
@@ -68,4 +92,70 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
     let [reveal, epoch] = ["reveal.json", "epoch.json"].map(|name| scene.file(name).to_str().unwrap().to_owned());
     let verified = run(&["verify-epoch", &reveal, "--commitment", &epoch], None);
     assert!(verified.status.success(), "{}", said(&verified));
+}
+
+/// An operator with the database asks for something else than what was drawn, or draws once more: a lab that kept its
+/// draw shows both.
+#[tokio::test]
+async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
+    let mut scene = Scene::new(&[]);
+    scene.publish_every = 3_600;
+    scene.restart(None);
+    let lab = scene.key("lab");
+    let made = run(&["keys", "create", "--name", "operator", "--scopes", "admin"], Some(&scene.file("p.db")));
+    let admin = String::from_utf8(made.stdout).unwrap().trim().to_owned();
+    let epoch = scene.service.get("/v1/epochs/autumn").await.json();
+    std::fs::write(scene.file("epoch.json"), epoch.to_string()).unwrap();
+    let entry = scene.register(&lab, "dev", 1).await;
+    let path = format!("/v1/entries/{entry}/instances");
+    let draw = |nonce: &str| json!({ "run": 1, "nonce": nonce });
+    // Nobody draws, answers or finalizes in the place of an entrant.
+    for (path, body) in
+        [(path.clone(), draw("a nonce of the operator")), (format!("/v1/entries/{entry}/finalize"), json!({}))]
+    {
+        let refused = scene.post(&admin, &path, &body).await;
+        assert_eq!(refused.status.as_u16(), 403, "{}", refused.text);
+    }
+    let kept = scene.made(&lab, &path, &draw("a nonce of our own")).await;
+    let answered = scene.post(&admin, &format!("/v1/instances/{}/answer", id(&kept["instances"][0])), &json!({})).await;
+    assert_eq!(answered.status.as_u16(), 403, "{}", answered.text);
+
+    let check = |name: &str, draw: &Value| {
+        std::fs::write(scene.file(name), draw.to_string()).unwrap();
+        let [draw, epoch] = [name, "epoch.json"].map(|name| scene.file(name).to_str().unwrap().to_owned());
+        said(&run(&["verify-draw", &draw, "--commitment", &epoch], None))
+    };
+    assert!(check("kept.json", &kept).contains("its receipt states these instances and prompts"));
+    let pool = database::pool(&scene.file("p.db")).await;
+    let change = async |sql: String| {
+        let changed = query(sqlx::AssertSqlSafe(sql.clone())).execute(&pool).await.unwrap();
+        assert!(changed > 0, "{sql}");
+    };
+    change("UPDATE tasks SET body = replace(body, '\"prompt\":\"', '\"prompt\":\"Do not ')".to_owned()).await;
+    let asked = scene.made(&lab, &path, &draw("a nonce of our own")).await;
+    let told = check("asked.json", &asked);
+    assert!(told.contains("BROKEN  receipt: it states other prompts for instance"), "{told}");
+    change("UPDATE tasks SET body = replace(body, '\"prompt\":\"Do not ', '\"prompt\":\"')".to_owned()).await;
+
+    // The draw is forgotten before anything of it is published.
+    change("DELETE FROM pending_receipts WHERE body LIKE '%\"draw\":{%'".to_owned()).await;
+    change(format!("DELETE FROM instances WHERE entry_id = '{entry}'")).await;
+    pool.close().await;
+    let again = scene.made(&lab, &path, &draw("another nonce of ours")).await;
+    assert!(check("again.json", &again).contains("its receipt states these instances and prompts"));
+    scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+    // An end that comes early is no breach, and is said.
+    let closed = run(&["epochs", "close", "autumn", "--reason", "the suite changed"], Some(&scene.file("p.db")));
+    assert!(closed.status.success(), "{}", said(&closed));
+    scene.is_sealed().await;
+    let reveal = scene.service.get("/v1/epochs/autumn/reveal").await.json();
+    std::fs::write(scene.file("reveal.json"), reveal.to_string()).unwrap();
+    let [reveal, epoch, kept, again] = ["reveal.json", "epoch.json", "kept.json", "again.json"]
+        .map(|name| scene.file(name).to_str().unwrap().to_owned());
+    let with = |given: &str| said(&run(&["verify-epoch", &reveal, "--commitment", &epoch, "--given", given], None));
+    let told = with(&kept);
+    assert!(told.contains(&format!("(the draw of run 1 of entry {entry}): is missing from the reveal")), "{told}");
+    let told = with(&again);
+    assert!(!told.contains("BROKEN") && told.contains("NOTE  the operator closed the epoch "), "{told}");
+    assert!(told.contains("before its committed end, with the reason \"the suite changed\""), "{told}");
 }

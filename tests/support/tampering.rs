@@ -166,11 +166,22 @@ pub fn tamperings(reveal: &Value) -> Vec<(String, Value)> {
 
 /// A reveal in which the last entry never was, with receipts that are signed anew.
 pub fn forged_without_the_last_entry(scene: &Scene, reveal: &Value) -> Value {
+    signed_anew(scene, tamperings(reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1)
+}
+
+/// A reveal whose first draw asked for something else than its specifications, with receipts that are signed anew.
+pub fn forged_with_other_prompts(scene: &Scene, reveal: &Value) -> Value {
+    let mut forged = reveal.clone();
+    let mut receipts = forged["receipts"].as_array_mut().unwrap().iter_mut();
+    let draw = receipts.find(|file| file["receipt"].get("draw").is_some()).unwrap();
+    draw["receipt"]["draw"]["prompts_sha256"][0] = "00".repeat(32).into();
+    signed_anew(scene, forged)
+}
+
+fn signed_anew(scene: &Scene, mut forged: Value) -> Value {
     use plumbline_engine::hidden::receipts::{FIRST_LINK, Signer, link};
     let secret = std::fs::read_to_string(scene.file("p.db.secrets/receipts.key")).unwrap();
     let signer = Signer::new(&plumbline_engine::hidden::canonical::unhex(secret.trim()).unwrap());
-    let dropped = tamperings(reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1;
-    let mut forged = dropped;
     let receipts = forged["receipts"].as_array_mut().unwrap();
     let count = receipts.len();
     let mut previous = FIRST_LINK;

@@ -5,9 +5,12 @@
 //! enter the public log in batches, as hashes that a salt protects from guessing. Their bodies are released with the
 //! reveal, so the reveal can be compared with what was signed.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::canonical::hash_of;
 use super::feedback::Tier;
 use super::receipts::Signed;
 use crate::tasks::hex;
@@ -67,6 +70,10 @@ pub struct DrawFact {
     pub proof: Option<String>,
     /// Identifiers of the issued instances, in the order of issue.
     pub instances: Vec<String>,
+    /// What the entrant was asked, in the order of the instances: [`prompts_hash`] of the prompts of each. Empty in
+    /// receipts of older programs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub prompts_sha256: Vec<String>,
     /// Time of the draw, milliseconds since 1970.
     pub drawn_at_ms: i64,
 }
@@ -135,6 +142,29 @@ pub struct ClosedFact {
     pub reason: String,
     /// Number of receipts of the epoch before this one.
     pub receipts: u64,
+}
+
+/// Computes what the receipt of a draw states of an instance's prompts: SHA-256, in hex, over the canonical JSON of their
+/// list. The prompts are known to the entrant, so the hash tells nothing more.
+#[must_use]
+pub fn prompts_hash<'a>(prompts: impl Iterator<Item = &'a str>) -> String {
+    hex(&hash_of(&prompts.collect::<Vec<&str>>()))
+}
+
+impl fmt::Display for Fact {
+    /// Says in words what the receipt confirms.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Entry(fact) => write!(f, "the registration of entry {}", fact.id),
+            Self::Draw(fact) => write!(f, "the draw of run {} of entry {}", fact.run, fact.entry),
+            Self::Answer(fact) => write!(f, "the answer to instance {}", fact.instance),
+            Self::Transcript(fact) => write!(f, "the transcript of instance {}", fact.instance),
+            Self::Failure(fact) => write!(f, "a failure to grade instance {}", fact.instance),
+            Self::Completed(fact) => write!(f, "the completion of entry {}", fact.entry),
+            Self::Padding(_) => f.write_str("nothing"),
+            Self::Closed(_) => f.write_str("the end of the epoch"),
+        }
+    }
 }
 
 /// Builds the receipt of a fact. The salt is random; it prevents anyone from guessing the receipt behind a hash in the

@@ -16,6 +16,7 @@ use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
 use crate::store::keys::Scope;
+use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::issue::Lot;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::tasks::hex;
@@ -28,6 +29,8 @@ pub struct DrawnRun {
     pub instances: Vec<IssuedInstance>,
     /// Proof that they were not chosen; none in an epoch without a key of draws.
     pub proof: Option<DrawProof>,
+    /// Receipt of the draw; none for a draw of an older program.
+    pub receipt: Option<GivenReceipt>,
 }
 
 /// Proof of a draw, with what it is about.
@@ -87,12 +90,12 @@ pub async fn draw_run(
     };
     let new = NewDraw { entry_id, run, nonce: &nonce, secret: &secret, lot: &lot, siblings };
     match app.store.issue_instances(&new, decide_draw, now).await? {
-        Issued::Instances(rows) => {
+        Issued::Instances(rows, receipt) => {
             let mut instances = Vec::with_capacity(rows.len());
             for row in rows {
                 instances.push(with_prompts(app, row).await?);
             }
-            Ok(DrawnRun { instances, proof: proof_of(&lot, &epoch, entry_id, run, nonce.clone()) })
+            Ok(DrawnRun { instances, proof: proof_of(&lot, &epoch, entry_id, run, nonce.clone()), receipt })
         }
         Issued::Refused(refusal) => Err(refused(refusal, &entry, &epoch)),
     }

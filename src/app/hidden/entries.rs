@@ -9,7 +9,7 @@ use super::receipts::given;
 use super::registration::decide_registration;
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::submissions::accept::key_reused;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::{EntryRow, InstanceOutcome};
@@ -192,7 +192,7 @@ pub(in crate::app) async fn stored_entry(app: &App, id: &str) -> AppResult<Entry
 /// Returns an error if the entry belongs to another owner (403) or does not exist (404).
 pub(super) async fn own_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryRow> {
     let row = stored_entry(app, id).await?;
-    require_owner(caller, &row, "entry")?;
+    require_entrant(caller, &row, "entry")?;
     Ok(row)
 }
 
@@ -202,6 +202,20 @@ pub(super) async fn own_entry(app: &App, caller: &Caller, id: &str) -> AppResult
 /// Returns an error (403) if it belongs to another owner.
 pub(super) fn require_owner(caller: &Caller, entry: &EntryRow, what: &str) -> AppResult<()> {
     caller.require_own(Some(entry.owner.as_str()).filter(|owner| !owner.is_empty()), what)
+}
+
+/// Checks that the caller is the owner of an entry itself. What is drawn and answered is signed as the entrant's, so
+/// an operator's key may not do it in the owner's place.
+///
+/// # Errors
+/// Returns an error (403) if the entry belongs to another owner.
+pub(super) fn require_entrant(caller: &Caller, entry: &EntryRow, what: &str) -> AppResult<()> {
+    require_owner(caller, entry, what)?;
+    if entry.owner.is_empty() || caller.owner() == Some(&entry.owner) {
+        return Ok(());
+    }
+    let detail = format!("the {what} belongs to another owner, and a key of an operator does not act for its entrant");
+    Err(AppError::new(Kind::Forbidden, detail))
 }
 
 /// Finalizes an entry, which then takes no more answers.

@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::acceptance::decide_answer;
 use super::answer::{PostedAnswer, read_answer};
-use super::entries::require_owner;
+use super::entries::{require_entrant, require_owner};
 use super::epochs::{not_open, stored_epoch};
 use super::receipts::given;
 use crate::actions::turn_replay::TurnReplay;
@@ -18,6 +18,7 @@ use crate::app::replay::complete_log;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
 use crate::clock::{now_ms, rfc3339};
+use crate::store::entries::EntryRow;
 use crate::store::epochs::HIDDEN_SUITE;
 use crate::store::hidden_answers::{AnswerRefusal, Answered, NewAnswer};
 use crate::store::instances::InstanceRow;
@@ -78,11 +79,14 @@ fn no_instance(id: &str) -> AppError {
     AppError::not_found(format!("there is no instance {id:?}"))
 }
 
-/// Returns the instance if the caller may act on it.
-async fn own_instance(app: &App, caller: &Caller, id: &str) -> AppResult<InstanceRow> {
+/// Decides whether a caller may do something with what belongs to the owner of an entry.
+type Require = fn(&Caller, &EntryRow, &str) -> AppResult<()>;
+
+/// Returns the instance if the caller may do with it what `require` allows.
+async fn own_instance(app: &App, caller: &Caller, id: &str, require: Require) -> AppResult<InstanceRow> {
     let row = app.store.instance(id).await?.ok_or_else(|| no_instance(id))?;
     let entry = app.store.entry(&row.entry_id).await?.ok_or_else(|| no_instance(id))?;
-    require_owner(caller, &entry, "instance")?;
+    require(caller, &entry, "instance")?;
     Ok(row)
 }
 
@@ -92,7 +96,7 @@ async fn own_instance(app: &App, caller: &Caller, id: &str) -> AppResult<Instanc
 /// Returns an error if there is no such instance, or if the caller may not act on it.
 pub async fn instance(app: &App, caller: &Caller, id: &str) -> AppResult<IssuedInstance> {
     caller.require(Scope::Submit)?;
-    let row = own_instance(app, caller, id).await?;
+    let row = own_instance(app, caller, id, require_owner).await?;
     with_prompts(app, row).await
 }
 
@@ -128,7 +132,7 @@ pub async fn answer_replayed(
     if format == Format::NdJson {
         return Err(AppError::not_ndjson("send one answer per request"));
     }
-    let instance = own_instance(app, caller, id).await?;
+    let instance = own_instance(app, caller, id, require_entrant).await?;
     let task = app.store.task(&instance.task_hash).await?;
     let PostedAnswer { mut sent, profile, transcript_sha256 } = read_posted(body).await?;
     let rules = stored_epoch(app, &instance.epoch_id).await?.commitment.rules;
@@ -267,7 +271,7 @@ fn new_submission(
 /// act on the instance.
 pub async fn check_transcript(app: &App, caller: &Caller, id: &str, transcript: &[u8]) -> AppResult<IssuedInstance> {
     caller.require(Scope::Submit)?;
-    let instance = own_instance(app, caller, id).await?;
+    let instance = own_instance(app, caller, id, require_entrant).await?;
     let found = hex(&Sha256::digest(transcript));
     match &instance.transcript_hash {
         None => return Err(AppError::conflict("no-transcript-promised", "the answer had no transcript_sha256")),
@@ -281,7 +285,7 @@ pub async fn check_transcript(app: &App, caller: &Caller, id: &str, transcript: 
         let detail = "the epoch is over, and its reveal no longer changes; transcripts must be shown before that";
         return Err(AppError::conflict("epoch-over", detail));
     }
-    let row = own_instance(app, caller, id).await?;
+    let row = own_instance(app, caller, id, require_owner).await?;
     with_prompts(app, row).await
 }
 

@@ -12,6 +12,7 @@ use crate::app::hidden::draws::{DrawProof, DrawnRun, draw_run};
 use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
+use plumbline_engine::hidden::evidence::GivenReceipt;
 
 /// Instances of a run.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -22,6 +23,10 @@ pub struct InstanceList {
     /// epoch without a key of draws.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub draw: Option<DrawProof>,
+    /// Signed statement of the draw: its instances, in order, and SHA-256 of the prompts of each. Keep it:
+    /// `plumbline verify-draw` compares this response with it, and `verify-epoch --given` the reveal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub receipt: Option<GivenReceipt>,
 }
 
 /// Draws the instances of a run. Repeating the request with the same nonce returns the same instances; a different
@@ -45,6 +50,7 @@ pub async fn create_instances(
 ) -> AppResult<Json<InstanceList>> {
     caller.require(Scope::Submit)?;
     let (draft, faults) = read_draft::<NewDrawBody>(&body, "draw one run per request")?;
-    let DrawnRun { instances, proof } = draw_run(&state, &caller, &id, draft, faults).await?;
-    Ok(Json(InstanceList { instances: instances.into_iter().map(InstanceBody::from).collect(), draw: proof }))
+    let DrawnRun { instances, proof, receipt } = draw_run(&state, &caller, &id, draft, faults).await?;
+    let instances = instances.into_iter().map(InstanceBody::from).collect();
+    Ok(Json(InstanceList { instances, draw: proof, receipt }))
 }

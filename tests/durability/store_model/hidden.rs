@@ -135,7 +135,8 @@ impl Scene {
         let found = self.store.issue_instances(&new, decide_draw, self.now_ms).await.unwrap();
         let rows = match (found, self.model.hidden.draw(&entry_id, run, nonce, self.now_ms)) {
             (Issued::Refused(found), Err(expected)) => return assert_eq!(found, expected),
-            (Issued::Instances(rows), Ok(false)) => {
+            (Issued::Instances(rows, receipt), Ok(false)) => {
+                assert!(receipt.is_some(), "a repeated draw has the receipt of the first");
                 let drawn = self.model.hidden.instances.iter();
                 let mut expected: Vec<&String> =
                     drawn.filter(|(_, own)| own.entry == entry_id && own.run == run).map(|(id, _)| id).collect();
@@ -144,7 +145,10 @@ impl Scene {
                 found.sort();
                 return assert!(!found.is_empty() && found == expected, "{found:?}, not {expected:?}");
             }
-            (Issued::Instances(rows), Ok(true)) => rows,
+            (Issued::Instances(rows, receipt), Ok(true)) => {
+                assert!(receipt.is_some(), "a draw has a receipt");
+                rows
+            }
             (found, expected) => panic!("{found:?}, not {expected:?}"),
         };
         assert_eq!(rows.len(), epoch.commitment.instances_per_run as usize);

@@ -816,6 +816,7 @@ class InstanceList(BaseModel):
     Instances, in the order of issue.
     """
     draw: DrawProof | None = None
+    receipt: GivenReceipt | None = None
 
 
 class Interval(BaseModel):
@@ -880,7 +881,7 @@ class Limits(BaseModel):
     """
     bodies_in_memory_bytes: Annotated[int, Field(ge=0)]
     """
-    Bytes of all bodies that are being read at the same time; a request beyond that is refused with 503.
+    Bytes of bodies of 64 KiB and more in memory at the same time; a request beyond that is refused with 503.
     """
     form_bytes: Annotated[int, Field(ge=0)]
     """

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Kept, Verified};
 use crate::hidden::canonical::canonical_json;
+use crate::hidden::evidence::fact;
 use crate::hidden::receipts::{
     LogHead, ReceiptFault, ReceiptFile, gaps, of_other_keys, verify, verify_chain, verify_end, verify_keys,
     verify_signature,
@@ -176,13 +177,15 @@ pub(super) fn given(epoch: &str, receipts: &[ReceiptFile], kept: &Kept, trusted:
     let revealed: BTreeSet<&str> = receipts.iter().map(|file| file.hash.as_str()).collect();
     for given in &kept.given {
         let hash = hex(&Sha256::digest(canonical_json(&given.receipt)));
-        let place = format!("given receipt {}…", &hash[..12]);
+        let what = fact(&given.receipt).map(|fact| format!(" ({fact})")).unwrap_or_default();
+        let place = format!("given receipt {}…{what}", &hash[..12]);
         if given.receipt["epoch"] != epoch {
             found.unchecked.push(format!("{place}: belongs to another epoch"));
-        } else if !trusted.contains(&given.public_key.as_str())
-            || verify_signature(&given.receipt, &given.public_key, &given.signature).is_err()
-        {
-            found.breach(place, "has no valid signature of this service");
+        } else if verify_signature(&given.receipt, &given.public_key, &given.signature).is_err() {
+            found.breach(place, "has no valid signature");
+        } else if !trusted.contains(&given.public_key.as_str()) {
+            let key = &given.public_key;
+            found.breach(place, format!("is signed with {key}, which is no key of this epoch; trust it with --key"));
         } else if !revealed.contains(hash.as_str()) {
             found.breach(place, "is missing from the reveal");
         }

@@ -65,6 +65,8 @@ pub struct Verified {
     pub receipts: usize,
     /// Number of boards that were recomputed and match.
     pub boards: usize,
+    /// What breaks no promise, and what readers should know of.
+    pub remarks: Vec<String>,
     /// Checks that could not be made, each with its reason.
     pub unchecked: Vec<String>,
     /// Claims that do not hold.

@@ -7,7 +7,7 @@ use super::stated::Stated;
 use super::{Kept, Verified, log, places, pool, times};
 use crate::hidden::commitment::{Commitment, Rules};
 use crate::hidden::draw_proof::{DrawMessage, verify};
-use crate::hidden::evidence::{EntryFact, Fact, fact};
+use crate::hidden::evidence::{DrawFact, EntryFact, Fact, fact, prompts_hash};
 use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
@@ -42,7 +42,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, issue
     pool::announced(reveal, commitment, kept, &trusted, found);
     let stated = stated(receipts, found);
     entries(reveal, commitment, rules, &stated, found);
-    draws(reveal, commitment, &stated, found);
+    draws(reveal, commitment, issued, &stated, found);
     answers(reveal, commitment, rules, &stated, found);
     grades(reveal, issued, &stated, found);
     end(receipts, commitment, &stated, found);
@@ -61,7 +61,9 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
     for file in receipts {
         let Some(receipt) = &file.receipt else { continue };
         let place = || format!("receipt {}", file.seq);
-        let is_first = match fact(receipt) {
+        let fact = fact(receipt);
+        let confirmed = fact.as_ref().map(ToString::to_string).unwrap_or_default();
+        let is_first = match fact {
             Some(Fact::Entry(fact)) => stated.entries.insert(fact.id.clone(), fact).is_none(),
             Some(Fact::Draw(fact)) => stated.draws.insert((fact.entry.clone(), fact.run), fact).is_none(),
             Some(Fact::Answer(fact)) => stated.answers.insert(fact.instance.clone(), fact).is_none(),
@@ -95,7 +97,7 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
             }
         };
         if !is_first {
-            found.breach(place(), "repeats a fact that can be stated only once");
+            found.breach(place(), format!("states {confirmed} once more, which happens only once"));
         }
     }
     stated
@@ -170,7 +172,7 @@ fn differences(entry: &RevealedEntry, fact: &EntryFact) -> Vec<&'static str> {
 }
 
 /// Checks that every run was drawn as its receipt states, and that none is missing.
-fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &mut Verified) {
+fn draws(reveal: &Reveal, commitment: &Commitment, issued: &Issued<'_>, stated: &Stated<'_>, found: &mut Verified) {
     let mut runs: BTreeMap<(String, u32), Vec<&RevealedInstance>> = BTreeMap::new();
     for instance in &reveal.instances {
         runs.entry((instance.entry.clone(), instance.run)).or_default().push(instance);
@@ -187,6 +189,7 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
         if instances.iter().any(|own| own.nonce != fact.nonce) {
             found.breach(place(), format!("the nonce of run {} is not the one on its receipt", key.1));
         }
+        asked(fact, instances, issued, found);
         let message = DrawMessage { epoch: &commitment.epoch, entry: &fact.entry, run: fact.run, nonce: &fact.nonce };
         let proven = |key: &String| fact.proof.as_ref().is_some_and(|proof| verify(key, &message, proof).is_some());
         if !commitment.draw_key.as_ref().map_or(fact.proof.is_none(), proven) {
@@ -212,6 +215,31 @@ fn draws(reveal: &Reveal, commitment: &Commitment, stated: &Stated<'_>, found: &
     }
     for (entry, run) in stated.draws.keys().filter(|key| !runs.contains_key(*key)) {
         found.breach(format!("entry {entry}"), format!("run {run} was drawn but is missing from the reveal"));
+    }
+}
+
+/// Checks that the entrant was asked what the specifications of the instances ask.
+fn asked(fact: &DrawFact, instances: &[&RevealedInstance], issued: &Issued<'_>, found: &mut Verified) {
+    if fact.prompts_sha256.is_empty() {
+        let of = format!("the draw of run {} of entry {}", fact.run, fact.entry);
+        found.unchecked.push(format!("{of}: an older program signed it, and the receipt does not say what was asked"));
+        return;
+    }
+    if fact.prompts_sha256.len() != fact.instances.len() {
+        let (prompts, of) = (counted(fact.prompts_sha256.len(), "prompt"), counted(fact.instances.len(), "instance"));
+        found
+            .breach(format!("entry {}", fact.entry), format!("the receipt of run {} has {prompts} for {of}", fact.run));
+    }
+    let stated: BTreeMap<&str, &String> = fact.instances.iter().map(String::as_str).zip(&fact.prompts_sha256).collect();
+    for instance in instances {
+        let Some(specification) = issued.specification(instance.leaf) else { continue };
+        let prompts = specification.task.turns.iter().map(|turn| turn.prompt.as_str());
+        if stated.get(instance.id.as_str()).is_some_and(|hash| **hash != prompts_hash(prompts)) {
+            found.breach(
+                format!("instance {}", instance.id),
+                "the entrant was asked something else than its specification asks",
+            );
+        }
     }
 }
 
@@ -310,7 +338,15 @@ fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, f
     if receipts.iter().any(|file| file.seq > *seq) {
         found.breach("receipts", format!("receipt {seq} states the end of the epoch, but others come after it"));
     }
-    if closed.closed_at_ms > commitment.closes_at_ms {
+    let early_ms = commitment.closes_at_ms - closed.closed_at_ms;
+    if early_ms < 0 {
         found.breach("receipts", "the epoch was closed after its committed closing time");
+    } else if early_ms > 0 {
+        let minutes = agreeing((early_ms + 59_999) / 60_000, "minute", "minutes");
+        found.remarks.push(format!(
+            "the operator closed the epoch {minutes} before its committed end, with the reason {:?}: who had not answered by then \
+             could not any more",
+            closed.reason
+        ));
     }
 }

@@ -1,0 +1,40 @@
+//! The page of an epoch in an archive, which is not signed: compared with the commitment and with the signed end.
+
+use serde_json::{Value, json};
+
+use crate::clock::rfc3339;
+use plumbline_engine::hidden::evidence::{Fact, fact};
+use plumbline_engine::hidden::feedback::Tier;
+use plumbline_engine::hidden::reveal::Reveal;
+
+/// Returns in which members the page of an epoch that is over differs from the reveal and its receipts.
+pub(super) fn differences(page: &Value, reveal: &Reveal) -> Vec<String> {
+    let commitment = &reveal.commitment;
+    let facts = reveal.receipts.iter().flatten().filter_map(|file| fact(file.receipt.as_ref()?));
+    let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).last();
+    let entries = |tier: Tier| reveal.entries.iter().filter(|entry| entry.tier == tier).count();
+    let mut expected: Vec<(&str, Value)> = vec![
+        ("id", commitment.epoch.clone().into()),
+        ("state", "closed".into()),
+        ("opens_at", rfc3339(commitment.opens_at_ms).into()),
+        ("closes_at", rfc3339(commitment.closes_at_ms).into()),
+        ("entries", json!({ "dev": entries(Tier::Dev), "official": entries(Tier::Official) })),
+        ("commitment", serde_json::to_value(commitment).expect("a commitment is JSON")),
+    ];
+    if let Some(closed) = closed {
+        let early = Some(&closed).filter(|closed| closed.closed_at_ms < commitment.closes_at_ms);
+        expected.push(("closed_early_at", early.map(|closed| rfc3339(closed.closed_at_ms)).into()));
+        expected.push(("closed_reason", early.map(|closed| closed.reason.clone()).into()));
+    }
+    let differs = |(name, wanted): (&str, Value)| {
+        let found = page.get(name).unwrap_or(&Value::Null);
+        let is_same = *found == wanted;
+        let told = if name == "commitment" {
+            "commitment: is not the one of the reveal".to_owned()
+        } else {
+            format!("{name}: says {found}, and the reveal with its receipts says {wanted}")
+        };
+        (!is_same).then_some(told)
+    };
+    expected.into_iter().filter_map(differs).collect()
+}
