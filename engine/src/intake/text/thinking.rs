@@ -76,17 +76,20 @@ fn blanked(text: &str) -> (String, Option<Tag>) {
 }
 
 /// Returns the text without the tokens that end it, such as `<|im_end|>`.
-fn without_end_tokens(text: &str) -> &str {
-    let rest = text.trim_end();
-    let name_at = rest.strip_suffix("|>").and_then(|rest| rest.rfind("<|"));
-    let is_name =
-        |name: &str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
-    if let Some(at) = name_at.filter(|at| is_name(&rest[at + "<|".len()..rest.len() - "|>".len()])) {
-        return without_end_tokens(&rest[..at]);
-    }
-    match END_TOKENS.iter().find_map(|token| rest.strip_suffix(token)) {
-        Some(rest) => without_end_tokens(rest),
-        None => text,
+fn without_end_tokens(mut text: &str) -> &str {
+    let is_name = |name: &&str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
+    let barred = |text: &'_ str| {
+        let inner = text.strip_suffix("|>")?;
+        let (_, name) = inner.rsplit_once("<|").filter(|(_, name)| is_name(name))?;
+        Some(inner.len() - name.len() - "<|".len())
+    };
+    loop {
+        let rest = text.trim_end();
+        let named = || END_TOKENS.iter().find_map(|token| rest.strip_suffix(token)).map(str::len);
+        match barred(rest).or_else(named) {
+            Some(length) => text = &rest[..length],
+            None => return text,
+        }
     }
 }
 
@@ -148,7 +151,7 @@ fn token(text: &str) -> Option<(usize, bool)> {
 fn channel(text: &str) -> Option<(usize, bool)> {
     let name = text.strip_prefix(CHANNEL)?;
     let is_final = name.starts_with("final");
-    let head = name.find(MESSAGE).filter(|length| *length <= LONGEST_HEAD);
+    let head = name[..name.floor_char_boundary(LONGEST_HEAD)].find(MESSAGE);
     let length = head.map_or(if is_final { "final".len() } else { 0 }, |length| length + MESSAGE.len());
     Some((CHANNEL.len() + length, is_final))
 }
@@ -169,6 +172,17 @@ mod tests {
         let (shown, is_open) = without_thoughts(text);
         assert_eq!(shown.len(), text.len());
         (shown.split_whitespace().collect::<Vec<_>>().join(" "), is_open)
+    }
+
+    #[test]
+    fn marks_without_number_are_read_in_one_pass() {
+        const MARKS: usize = 300_000;
+        for mark in ["</s>", "<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"] {
+            let text = format!("a {}", mark.repeat(MARKS));
+            assert_eq!(without_thoughts(&text).0.len(), text.len());
+        }
+        let long = format!("<|channel|>analysis{}", "é".repeat(LONGEST_HEAD));
+        assert_eq!(shown(&long), (String::new(), true));
     }
 
     #[test]
