@@ -1,8 +1,9 @@
 //! `plumbline regrade`: regrades a suite's submissions with this program's checks beside the current results, shows
 //! what changes, and applies or discards it.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, bail};
@@ -14,6 +15,7 @@ use uuid::Uuid;
 use super::database::DatabaseArgs;
 use super::process::block_on;
 use super::progress::bar;
+use crate::app::boards::cache::compared;
 use crate::app::signing::{Others, signing};
 use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
@@ -22,6 +24,7 @@ use crate::store::regrades::{Difference, ToRegrade};
 use crate::store::reports::PackedReport;
 use crate::threads::yield_to_others;
 use plumbline_engine::elasticity::Control;
+use plumbline_engine::grading::standings::Standing;
 use plumbline_engine::grading::{Summary, grade_hashed};
 use plumbline_engine::tasks::catalogue::Entry;
 use plumbline_engine::text::{agreeing, counted};
@@ -30,6 +33,8 @@ use plumbline_engine::text::{agreeing, counted};
 const CHUNK: i64 = 200;
 /// Niceness of this process, so that a service on the same machine goes first.
 const NICENESS: i32 = 10;
+/// Share of a suite that a run must cover to have a rank here, as where `serve --board-coverage` is not set.
+const WHOLE_SUITE: f64 = 1.0;
 /// Maximum number of flipped submissions to list.
 const LISTED: usize = 50;
 
@@ -176,46 +181,55 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     ranks(store, id, entry, &differences).await
 }
 
-/// Prints how the rates and ranks of runs change.
-async fn ranks(store: &Store, id: &str, entry: &Entry, differences: &[Difference]) -> anyhow::Result<()> {
-    let news = store.board_update(&entry.id, &entry.suite.tasks, BoardCursor::default()).await?;
-    // The last result of a run counts.
-    let before: BTreeMap<String, (String, f64)> = news
-        .results
-        .into_iter()
-        .map(|row| (row.run, (row.agent, row.summary.problem_level.overall.rate.unwrap_or(-1.0))))
-        .collect();
-    let mut after: BTreeMap<&String, f64> = before.iter().map(|(run, (_, rate))| (run, *rate)).collect();
-    for run in differences.iter().filter_map(|difference| difference.run_id.as_ref()) {
-        if let Some(rate) = after.get_mut(run) {
-            let problems = store.regraded_problems(id, run).await?;
-            let summary = Summary::of(&problems);
-            *rate = summary.problem_level.overall.pass as f64 / entry.suite.tasks.len() as f64;
-        }
+/// Prints how the rates and ranks of the runs change that the board compares.
+async fn ranks(store: &Store, id: &str, entry: &Arc<Entry>, differences: &[Difference]) -> anyhow::Result<()> {
+    let all = store.board_update(&entry.id, &entry.suite.tasks, BoardCursor::default()).await?;
+    let rows = compared(entry, WHOLE_SUITE, all);
+    let before: Vec<f64> = rows.iter().map(|row| row.rate().unwrap_or(-1.0)).collect();
+    let mut after = before.clone();
+    let mut others = 0;
+    let runs: BTreeSet<&String> = differences.iter().filter_map(|difference| difference.run_id.as_ref()).collect();
+    for run in runs {
+        let Some(place) = rows.iter().position(|row| row.run == *run) else {
+            others += 1;
+            continue;
+        };
+        let summary = Summary::of(&store.regraded_problems(id, run).await?);
+        after[place] = summary.problem_level.overall.pass as f64 / entry.suite.tasks.len() as f64;
     }
-    let rank = |rates: &dyn Fn(&String) -> f64, run: &String| {
-        1 + before.keys().filter(|other| rates(other) > rates(run)).count()
+    // Only runs with prompts of the same track are compared.
+    let rank = |rates: &[f64], place: usize| {
+        let is_better = |(row, rate): &(&Arc<Standing>, &f64)| row.track == rows[place].track && **rate > rates[place];
+        1 + rows.iter().zip(rates).filter(is_better).count()
     };
-    let (was, is) = (|run: &String| before[run].1, |run: &String| after[run]);
     let mut table = Table::new();
     table.load_style(presets::ASCII_MARKDOWN);
     table.set_header(["run", "agent", "overall before", "after", "rank before", "after"]);
-    for run in before.keys().filter(|run| was(run) != is(run) || rank(&was, run) != rank(&is, run)) {
+    for (place, row) in rows.iter().enumerate() {
+        let (was, is) = (rank(&before, place), rank(&after, place));
+        if before[place] == after[place] && was == is {
+            continue;
+        }
         let percent = |rate: f64| format!("{:.1} %", rate * 100.0);
-        let (rank_before, rank_after) = (rank(&was, run).to_string(), rank(&is, run).to_string());
         table.add_row([
-            run.clone(),
-            before[run].0.clone(),
-            percent(was(run)),
-            percent(is(run)),
-            rank_before,
-            rank_after,
+            row.run.clone(),
+            row.agent.clone(),
+            percent(before[place]),
+            percent(after[place]),
+            was.to_string(),
+            is.to_string(),
         ]);
     }
     if table.row_count() == 0 {
         println!("no run on the board moves");
     } else {
         println!("{table}");
+    }
+    if others > 0 {
+        let runs = counted(others, "run");
+        println!(
+            "not compared on the board, because it is unfinished, incomplete, hidden or withdrawn: {runs} with differences"
+        );
     }
     Ok(())
 }

@@ -363,6 +363,12 @@ impl Boards {
     }
 }
 
+/// Returns the rows that the board of a suite compares, best first, from all that the database tells of it.
+#[must_use]
+pub fn compared(entry: &Arc<Entry>, least_coverage: f64, all: BoardUpdate) -> Vec<Arc<Standing>> {
+    Arc::new(empty(entry, least_coverage)).with(all).rows.all.clone()
+}
+
 fn version(entry: &Entry, BoardCursor { result, action, run }: BoardCursor) -> String {
     // Include the process: another program, or another database under the same name, may compute something else.
     static PROCESS: LazyLock<Uuid> = LazyLock::new(Uuid::new_v4);

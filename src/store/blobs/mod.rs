@@ -13,6 +13,7 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 use std::time::Duration;
 
 use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, path::Path};
+use sqlx::AssertSqlSafe;
 use tokio::sync::Mutex;
 
 use super::db::{Pool, query, query_as, query_scalar};
@@ -314,14 +315,18 @@ impl Store {
 
     /// Returns whether a row refers to an object.
     async fn has_objects(&self) -> StoreResult<bool> {
-        query_scalar(
-            "SELECT EXISTS (SELECT 1 FROM submissions WHERE length(log) = 82 AND substr(log, 1, 7) = $1)
-                 OR EXISTS (SELECT 1 FROM reports WHERE length(body) = 82 AND substr(body, 1, 7) = $1)
-                 OR EXISTS (SELECT 1 FROM regraded WHERE length(body) = 82 AND substr(body, 1, 7) = $1)",
-        )
-        .bind(reference::BEGINNING.as_bytes())
-        .fetch_one(&self.readers)
-        .await
+        for (table, column) in reference::COLUMNS {
+            // The index of references has their length as a condition, which a bound value would not meet.
+            let (bytes, beginning) = (reference::BYTES, reference::BEGINNING);
+            let exists = format!(
+                "SELECT EXISTS (SELECT 1 FROM {table} WHERE length({column}) = {bytes} AND substr({column}, 1, {}) = $1)",
+                beginning.len()
+            );
+            if query_scalar(AssertSqlSafe(exists)).bind(beginning.as_bytes()).fetch_one(&self.readers).await? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Makes the large logs among submissions objects. Call it before the transaction that stores them.

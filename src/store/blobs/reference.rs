@@ -10,8 +10,11 @@ use plumbline_engine::tasks::hex;
 pub(super) const BEGINNING: &str = "object:";
 /// Number of characters of a date, such as `2026-11-24`.
 const DATE_CHARS: usize = 10;
+/// Columns that may hold references: table and column. An object that none of them refers to is deleted. Each has an
+/// index of its references.
+pub(super) const COLUMNS: [(&str, &str); 3] = [("submissions", "log"), ("reports", "body"), ("regraded", "body")];
 /// Number of bytes of a reference. The indexes of references name this number.
-const BYTES: usize = BEGINNING.len() + DATE_CHARS + 1 + 64;
+pub(super) const BYTES: usize = BEGINNING.len() + DATE_CHARS + 1 + 64;
 
 /// Reference to an object: the day on which it was written, and the SHA-256 of its bytes.
 ///

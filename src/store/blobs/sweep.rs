@@ -10,6 +10,7 @@ use std::collections::HashSet;
 use futures_util::TryStreamExt as _;
 use object_store::{ObjectStoreExt as _, path::Path};
 
+use super::reference::{BYTES, COLUMNS};
 use super::{Opened, Reference};
 use crate::clock::{DAY_MS, rfc3339};
 use crate::store::db::{Builder, query, query_scalar};
@@ -24,8 +25,6 @@ const DAYS: i64 = 2;
 const TOKEN: &str = "plumbline.sweep";
 /// Number of tokens that a database remembers to have written.
 const MOST_TOKENS: usize = 8;
-/// Columns that may refer to objects.
-const COLUMNS: [(&str, &str); 3] = [("submissions", "log"), ("reports", "body"), ("regraded", "body")];
 
 /// What a sweep came to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -155,9 +154,10 @@ impl Store {
         }
         let mut select = Builder::new("");
         for (i, (table, column)) in COLUMNS.into_iter().enumerate() {
+            // The index of references has this condition.
             select.push(if i == 0 { "" } else { " UNION ALL " });
             select.push("SELECT ").push(column).push(" FROM ").push(table);
-            select.push(" WHERE length(").push(column).push(") = 82 AND ").push(column).push(" IN ");
+            select.push(format!(" WHERE length({column}) = {BYTES} AND {column} IN "));
             select.push_list(old.iter().map(Reference::to_column));
         }
         let held: Vec<(Vec<u8>,)> = select.build_as().fetch_all(&self.readers).await?;

@@ -77,7 +77,8 @@ fn blanked(text: &str) -> (String, Option<Tag>) {
 
 /// Returns the text without the tokens that end it, such as `<|im_end|>`.
 fn without_end_tokens(mut text: &str) -> &str {
-    let is_name = |name: &&str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
+    let is_name =
+        |name: &&str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
     let barred = |text: &'_ str| {
         let inner = text.strip_suffix("|>")?;
         let (_, name) = inner.rsplit_once("<|").filter(|(_, name)| is_name(name))?;
@@ -177,7 +178,9 @@ mod tests {
     #[test]
     fn marks_without_number_are_read_in_one_pass() {
         const MARKS: usize = 300_000;
-        for mark in ["</s>", "<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"] {
+        for mark in
+            ["</s>", "<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"]
+        {
             let text = format!("a {}", mark.repeat(MARKS));
             assert_eq!(without_thoughts(&text).0.len(), text.len());
         }
