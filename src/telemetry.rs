@@ -37,7 +37,7 @@ pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
     };
     if let Some(error) = fault {
-        tracing::warn!(%error, "RUST_LOG is no filter and is not used; it has the form info,plumbline::request=warn");
+        tracing::warn!(%error, "RUST_LOG is not a valid filter and is ignored; a filter has the form info,plumbline::request=warn");
     }
     if format == LogFormat::Json {
         std::panic::set_hook(Box::new(|panic| {
@@ -64,7 +64,10 @@ pub fn init_metrics() -> anyhow::Result<PrometheusHandle> {
 pub fn describe_metrics() {
     use metrics::{describe_counter, describe_gauge, describe_histogram};
     describe_counter!("plumbline_http_requests_total", "HTTP requests, by method, route and status");
-    describe_histogram!("plumbline_http_request_seconds", "Time from request to response in seconds, by route");
+    describe_histogram!(
+        "plumbline_http_request_seconds",
+        "Time from request to response in seconds, by route; without entries, instances and episodes, which may be hidden"
+    );
     describe_counter!("plumbline_webhook_attempts_total", "Attempts to deliver to webhooks, by outcome");
     describe_counter!("plumbline_graded_total", "Submissions graded by the workers of this process");
     describe_histogram!("plumbline_grading_seconds", "Time that workers took to grade a submission, in seconds");

@@ -209,7 +209,7 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let size = kept.log.last().map_or(0, |last| last.seq);
     kept.heads.retain(|head| head.size == size);
     let mut is_good = verified(&reveal, &kept)?;
-    for difference in epoch_page::differences(&archive.epoch, &reveal) {
+    for difference in epoch_page::differences(&archive.epoch, &archive.reveal, &reveal) {
         println!("BROKEN  epoch page: {difference}");
         is_good = false;
     }

@@ -285,7 +285,10 @@ fn tell(what: &str, file: &Path, contents: &Contents) {
     println!("{what} {}: {}", file.display(), told.join(", "));
 }
 
-/// Runs work on this thread. Returns an error if that cannot be, and otherwise its result, an error or not.
+/// Runs work on this thread and returns its result, an error or not.
+///
+/// # Errors
+/// Returns an error if the runtime cannot be made.
 fn run<T>(work: impl Future<Output = T>) -> anyhow::Result<T> {
     block_on(async { Ok(work.await) })
 }

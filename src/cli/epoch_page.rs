@@ -7,8 +7,9 @@ use plumbline_engine::hidden::evidence::{Fact, fact};
 use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::reveal::Reveal;
 
-/// Returns in which members the page of an epoch that is over differs from the reveal and its receipts.
-pub(super) fn differences(page: &Value, reveal: &Reveal) -> Vec<String> {
+/// Returns in which members the page of an epoch that is over differs from the reveal and its receipts; `raw` is the reveal
+/// as JSON, which may have members that this program does not know.
+pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal) -> Vec<String> {
     let commitment = &reveal.commitment;
     let facts = reveal.receipts.iter().flatten().filter_map(|file| fact(file.receipt.as_ref()?));
     let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).last();
@@ -19,7 +20,7 @@ pub(super) fn differences(page: &Value, reveal: &Reveal) -> Vec<String> {
         ("opens_at", rfc3339(commitment.opens_at_ms).into()),
         ("closes_at", rfc3339(commitment.closes_at_ms).into()),
         ("entries", json!({ "dev": entries(Tier::Dev), "official": entries(Tier::Official) })),
-        ("commitment", serde_json::to_value(commitment).expect("a commitment is JSON")),
+        ("commitment", raw["commitment"].clone()),
     ];
     if let Some(closed) = closed {
         let early = Some(&closed).filter(|closed| closed.closed_at_ms < commitment.closes_at_ms);

@@ -8,12 +8,12 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use super::evidence::{key, read_given};
+use super::evidence::{drawn_otherwise, key, read_given};
 use super::files;
 use crate::app::hidden::draws::DrawProof;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::draw_proof::{DrawMessage, verify};
-use plumbline_engine::hidden::evidence::{Fact, fact, prompts_hash};
+use plumbline_engine::hidden::evidence::{Fact, fact};
 use plumbline_engine::hidden::receipts::verify_signature;
 use plumbline_engine::tasks::hex;
 
@@ -79,7 +79,7 @@ pub fn run(args: &VerifyDrawArgs) -> anyhow::Result<ExitCode> {
     );
     let receipt_key = commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
     let trusted: Vec<&str> = args.keys.iter().map(String::as_str).chain(receipt_key).collect();
-    Ok(match receipt_of(&response, &draw, &trusted) {
+    Ok(match receipt_of(&response, &draw, &commitment, &trusted) {
         Receipt::Holds => {
             println!(
                 "its receipt states these instances and prompts: keep this file, and give it to verify-epoch (--given)"
@@ -108,7 +108,7 @@ enum Receipt {
 }
 
 /// Compares the response to a draw with the receipt in it.
-fn receipt_of(response: &Value, draw: &DrawProof, trusted: &[&str]) -> Receipt {
+fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trusted: &[&str]) -> Receipt {
     let Some(receipt) = response.get("receipt").filter(|receipt| !receipt.is_null()) else {
         let why =
             "there is none in the file; save the whole response, which has one since plumbline signs draws at once";
@@ -131,18 +131,13 @@ fn receipt_of(response: &Value, draw: &DrawProof, trusted: &[&str]) -> Receipt {
     if given.receipt["epoch"] != draw.epoch || of != (&draw.entry, draw.run, &draw.nonce, Some(&draw.proof)) {
         return Receipt::Broken("it is of another draw".to_owned());
     }
-    let instances = response["instances"].as_array().map(Vec::as_slice).unwrap_or_default();
-    if !instances.iter().map(|own| own["id"].as_str()).eq(stated.instances.iter().map(|id| Some(id.as_str()))) {
-        return Receipt::Broken("it states other instances than the response has".to_owned());
+    if let Some(why) = drawn_otherwise(response, &stated, commitment.protocol()) {
+        return Receipt::Broken(why);
     }
-    for (instance, hash) in instances.iter().zip(&stated.prompts_sha256) {
-        let prompts = instance["prompts"].as_array().map(Vec::as_slice).unwrap_or_default();
-        if *hash != prompts_hash(prompts.iter().map(|prompt| prompt.as_str().unwrap_or_default())) {
-            return Receipt::Broken(format!("it states other prompts for instance {}", instance["id"]));
-        }
-    }
-    if stated.prompts_sha256.len() != instances.len() {
-        return Receipt::Broken("it does not state the prompts of all instances".to_owned());
+    if stated.prompts_sha256.is_empty() {
+        return Receipt::NotChecked(
+            "it states the instances, but not what was asked, which the epoch's protocol did not demand".to_owned(),
+        );
     }
     Receipt::Holds
 }

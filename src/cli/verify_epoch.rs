@@ -8,9 +8,10 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use super::evidence::{is_reveal, key, read_given};
+use super::evidence::{drawn_otherwise, is_reveal, key, read_given};
 use super::files;
 use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::evidence::{Fact, fact};
 use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
@@ -107,7 +108,9 @@ pub(super) fn take_commitment(kept: &mut Kept, path: &Path, reveal: &Reveal) -> 
     Ok(())
 }
 
-fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
+/// Reads what the verifier kept, and returns it with the draws among it whose receipts state something else than they.
+fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<(Kept, Vec<String>)> {
+    let mut asked_otherwise = Vec::new();
     let mut kept = Kept { keys: args.keys.clone(), ..Kept::default() };
     if let Some(path) = &args.commitment {
         take_commitment(&mut kept, path, reveal)?;
@@ -139,13 +142,17 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<Kept> {
     for path in &args.given {
         for value in files::values(path)? {
             let given = read_given(&value).with_context(|| format!("{} holds no receipt", path.display()))?;
+            if let (Some(Fact::Draw(draw)), true) = (fact(&given.receipt), value["instances"].is_array()) {
+                let why = drawn_otherwise(&value, &draw, reveal.commitment.protocol());
+                asked_otherwise.extend(why.map(|why| format!("receipt in {}: {why}", path.display())));
+            }
             kept.given.push(given);
         }
     }
     for path in &args.board {
         kept.boards.push(read_board(path, &reveal.commitment.epoch)?);
     }
-    Ok(kept)
+    Ok((kept, asked_otherwise))
 }
 
 /// Reads a board of the epoch.
@@ -175,9 +182,12 @@ fn read_board(path: &Path, epoch: &str) -> anyhow::Result<Value> {
 pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
     let place = || format!("{}: expected the response to GET /v1/epochs/NAME/reveal", args.reveal.display());
     let reveal: Reveal = serde_json::from_value(files::json(&args.reveal)?).with_context(place)?;
-    let kept = read_kept(args, &reveal)?;
+    let (kept, asked_otherwise) = read_kept(args, &reveal)?;
     let is_good = verified(&reveal, &kept)?;
-    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    for why in &asked_otherwise {
+        println!("BROKEN  {why}");
+    }
+    Ok(if is_good && asked_otherwise.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Verifies a reveal, and prints what was found. Returns whether nothing is broken.

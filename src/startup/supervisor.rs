@@ -5,8 +5,9 @@ use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-/// Pause before a task that panicked starts again.
+/// Pause before a task that panicked starts again; doubled each time, up to [`LONGEST_PAUSE`].
 const PAUSE: Duration = Duration::from_secs(1);
+const LONGEST_PAUSE: Duration = Duration::from_mins(5);
 
 /// Longest wait for the tasks when the service stops, for example for the answer to a webhook.
 const GRACE: Duration = Duration::from_secs(5);
@@ -32,11 +33,13 @@ impl<S: Clone + Send + 'static> Supervisor<S> {
     ) {
         let (shared, stop) = (self.shared.clone(), self.stop.clone());
         self.tasks.spawn(async move {
+            let mut pause = PAUSE;
             while let Err(error) = tokio::spawn(task(shared.clone())).await {
                 tracing::error!(name, %error, "a background task failed and starts again");
-                if stop.run_until_cancelled(tokio::time::sleep(PAUSE)).await.is_none() {
+                if stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_none() {
                     return;
                 }
+                pause = (pause * 2).min(LONGEST_PAUSE);
             }
         });
     }
@@ -71,5 +74,6 @@ mod tests {
         supervisor.run("test", async |_| panic!("always"));
         stop.cancel();
         supervisor.ended().await;
+        assert!(supervisor.tasks.is_empty(), "it does not wait for the pause");
     }
 }

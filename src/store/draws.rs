@@ -132,8 +132,10 @@ impl Store {
         let leaves = match decide(new, &facts) {
             DrawDecision::Issue(leaves) => leaves,
             DrawDecision::Repeat => {
+                // Others need not wait for the search.
+                drop(tx);
                 let receipt = match before.first() {
-                    Some(first) => receipt_of_draw(&mut tx, facts.epoch.id(), &first.id).await?,
+                    Some(first) => self.receipt_of_draw(facts.epoch.id(), &first.id).await?,
                     None => None,
                 };
                 return Ok(Issued::Instances(before, receipt));
@@ -159,24 +161,24 @@ impl Store {
         commit(tx, "issue_instances").await?;
         Ok(Issued::Instances(instances, Some(receipt)))
     }
-}
 
-/// Returns the receipt of the draw whose first instance this is, published or not. Within a text of canonical JSON a
-/// quotation mark has a backslash before it, so the pattern matches no other receipt.
-async fn receipt_of_draw(tx: &mut Tx, epoch_id: &str, first: &str) -> StoreResult<Option<GivenReceipt>> {
-    let found: Option<(String, String, String, String)> = query_as(
-        "SELECT body, hash, signature, public_key FROM pending_receipts WHERE epoch_id = $1 AND body LIKE $2
-         UNION ALL SELECT body, hash, signature, public_key FROM receipts WHERE epoch_id = $1 AND body LIKE $2",
-    )
-    .bind(epoch_id)
-    .bind(format!("%\"draw\":{{%\"instances\":[\"{first}\"%"))
-    .fetch_optional(tx)
-    .await?;
-    let read = |(body, hash, signature, public_key): (String, String, String, String)| {
-        let receipt = serde_json::from_str(&body).map_err(|error| StoreError::corrupt("receipts", error))?;
-        Ok(GivenReceipt { receipt, hash, signature, public_key })
-    };
-    found.map(read).transpose()
+    /// Returns the receipt of the draw whose first instance this is, published or not. Within a text of canonical JSON a
+    /// quotation mark has a backslash before it, so the pattern matches no other receipt.
+    async fn receipt_of_draw(&self, epoch_id: &str, first: &str) -> StoreResult<Option<GivenReceipt>> {
+        let found: Option<(String, String, String, String)> = query_as(
+            "SELECT body, hash, signature, public_key FROM pending_receipts WHERE epoch_id = $1 AND body LIKE $2
+             UNION ALL SELECT body, hash, signature, public_key FROM receipts WHERE epoch_id = $1 AND body LIKE $2",
+        )
+        .bind(epoch_id)
+        .bind(format!("%\"draw\":{{%\"instances\":[\"{first}\"%"))
+        .fetch_optional(&self.readers)
+        .await?;
+        let read = |(body, hash, signature, public_key): (String, String, String, String)| {
+            let receipt = serde_json::from_str(&body).map_err(|error| StoreError::corrupt("receipts", error))?;
+            Ok(GivenReceipt { receipt, hash, signature, public_key })
+        };
+        found.map(read).transpose()
+    }
 }
 
 /// Reads the facts that decide on the draw of a run; `before` holds its issued instances.

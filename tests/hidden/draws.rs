@@ -155,7 +155,13 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
     let with = |given: &str| said(&run(&["verify-epoch", &reveal, "--commitment", &epoch, "--given", given], None));
     let told = with(&kept);
     assert!(told.contains(&format!("(the draw of run 1 of entry {entry}): is missing from the reveal")), "{told}");
+    let mut asked = asked;
+    asked["receipt"] =
+        serde_json::from_slice::<Value>(&std::fs::read(scene.file("again.json")).unwrap()).unwrap()["receipt"].clone();
+    std::fs::write(scene.file("asked.json"), asked.to_string()).unwrap();
+    let told = with(scene.file("asked.json").to_str().unwrap());
+    assert!(told.contains("BROKEN  receipt in ") && told.contains("it states other instances"), "{told}");
     let told = with(&again);
-    assert!(!told.contains("BROKEN") && told.contains("NOTE  the operator closed the epoch "), "{told}");
+    assert!(!told.contains("BROKEN") && told.contains("NOTE  the epoch ended "), "{told}");
     assert!(told.contains("before its committed end, with the reason \"the suite changed\""), "{told}");
 }

@@ -188,6 +188,26 @@ async fn a_deadline_that_passes_is_no_reward() {
     }
 }
 
+/// Also where no handler is reached, a refusal that is not the sender's fault says that it is no reward.
+#[tokio::test]
+async fn too_many_requests_are_no_reward() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = Service::start(&folder.path().join("p.db"), &["--rate-per-address", "1"]);
+    let body = json!({ "task": "walls/5x1x5-raise", "turns": [{ "events": [] }] });
+    let refused = async |path: &str| loop {
+        let answer = service.post_json(path, &body).await;
+        if answer.status == StatusCode::TOO_MANY_REQUESTS {
+            let members: serde_json::Map<String, Value> = serde_json::from_str(&answer.text).unwrap();
+            assert_eq!(members["retryable"], true, "{}", answer.text);
+            break members.get("reward").cloned();
+        }
+    };
+    for door in ["/v1/grade", "/v1/grade:batch", "/verify", "/get_reward"] {
+        assert_eq!(refused(door).await, Some(Value::Null), "{door}");
+    }
+    assert_eq!(refused("/v1/submissions").await, None);
+}
+
 #[tokio::test]
 async fn a_batch_answers_each_log_for_itself() {
     let folder = tempfile::tempdir().unwrap();

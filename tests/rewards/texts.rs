@@ -50,7 +50,7 @@ async fn raw_output_of_every_family_is_read() {
         ("", "</think>", "<|im_end|>\n<|endoftext|>"),
         ("[THINK]", "[/THINK]", "</s>"),
         ("◁think▷", "◁/think▷", "<|im_end|>"),
-        ("<|START_THINKING|>", "<|END_THINKING|>", ""),
+        ("<|START_THINKING|>", "<|END_THINKING|><|START_RESPONSE|>", "<|END_RESPONSE|>"),
         ("<|channel>thought\n", "<channel|>", "<turn|>"),
         (
             "<|channel|>analysis<|message|>",

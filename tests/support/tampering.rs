@@ -169,12 +169,20 @@ pub fn forged_without_the_last_entry(scene: &Scene, reveal: &Value) -> Value {
     signed_anew(scene, tamperings(reveal).into_iter().find(|(name, _)| name.contains("receipts too")).unwrap().1)
 }
 
-/// A reveal whose first draw asked for something else than its specifications, with receipts that are signed anew.
-pub fn forged_with_other_prompts(scene: &Scene, reveal: &Value) -> Value {
+/// Reveals whose first draw asked for something else than its specifications, or does not say what it asked, with receipts
+/// that are signed anew.
+pub fn forged_with_other_prompts(scene: &Scene, reveal: &Value) -> [Value; 2] {
+    [json!("00".repeat(32)), Value::Null].map(|hash| forged_with_prompts(scene, reveal, &hash))
+}
+
+fn forged_with_prompts(scene: &Scene, reveal: &Value, hash: &Value) -> Value {
     let mut forged = reveal.clone();
     let mut receipts = forged["receipts"].as_array_mut().unwrap().iter_mut();
     let draw = receipts.find(|file| file["receipt"].get("draw").is_some()).unwrap();
-    draw["receipt"]["draw"]["prompts_sha256"][0] = "00".repeat(32).into();
+    match hash {
+        Value::Null => drop(draw["receipt"]["draw"].as_object_mut().unwrap().remove("prompts_sha256")),
+        hash => draw["receipt"]["draw"]["prompts_sha256"][0] = hash.clone(),
+    }
     signed_anew(scene, forged)
 }
 

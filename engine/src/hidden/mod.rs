@@ -37,5 +37,12 @@ pub mod verify;
 pub const GENERATOR_VERSION: u32 = 3;
 
 /// Latest version of the protocol of an epoch, which its rules name. Since version 2 a third of the instances of a dev
-/// entry is kept for the final board, and the public log grows by what is public anyway.
-pub const PROTOCOL: u32 = 2;
+/// entry is kept for the final board, and the public log grows by what is public anyway. Since version 3 the receipt of a
+/// draw states what was asked.
+pub const PROTOCOL: u32 = 3;
+
+/// First version of the protocol in which a part of the dev tier is kept for the final board.
+pub const FIRST_WITH_KEPT_PART: u32 = 2;
+
+/// First version of the protocol in which the receipt of a draw states what was asked.
+pub const FIRST_WITH_PROMPTS: u32 = 3;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::body::NewDrawBody;
 use super::draw::decide_draw;
-use super::entries::own_entry;
+use super::entries::entrants_entry;
 use super::epochs::{not_open, secret_of, stored_epoch};
 use super::instances::{IssuedInstance, with_prompts};
 use super::siblings::siblings;
@@ -70,7 +70,7 @@ pub async fn draw_run(
     mut faults: Faults,
 ) -> AppResult<DrawnRun> {
     caller.require(Scope::Submit)?;
-    let entry = own_entry(app, caller, entry_id).await?;
+    let entry = entrants_entry(app, caller, entry_id).await?;
     let (given, nonce) = draft.map_or((None, None), |draw| (draw.run, draw.nonce));
     let run = given.and_then(|run| u32::try_from(run).ok()).filter(|run| (1..=entry.runs).contains(run));
     if given.is_some() && run.is_none() {

@@ -126,8 +126,8 @@ fn refused(refusal: &RegistrationRefusal, tier: Tier, epoch: &EpochRow) -> AppEr
             AppError::conflict("share-used-up", detail)
         }
         RegistrationRefusal::ConfigurationTaken => {
-            let detail =
-                "another owner has already entered this configuration in this epoch; only one owner may enter it";
+            let detail = "another owner entered this configuration before, in this epoch or officially in an earlier one; only one owner may \
+                          enter it";
             AppError::conflict("configuration-taken", detail)
         }
         RegistrationRefusal::OtherConfiguration(agent) => {
@@ -190,7 +190,7 @@ pub(in crate::app) async fn stored_entry(app: &App, id: &str) -> AppResult<Entry
 ///
 /// # Errors
 /// Returns an error if the entry belongs to another owner (403) or does not exist (404).
-pub(super) async fn own_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryRow> {
+pub(super) async fn entrants_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryRow> {
     let row = stored_entry(app, id).await?;
     require_entrant(caller, &row, "entry")?;
     Ok(row)
@@ -224,7 +224,7 @@ pub(super) fn require_entrant(caller: &Caller, entry: &EntryRow, what: &str) -> 
 /// Returns an error if there is no such entry, or if the caller may not act on it.
 pub async fn finalize_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryStatus> {
     caller.require(Scope::Submit)?;
-    own_entry(app, caller, id).await?;
+    entrants_entry(app, caller, id).await?;
     app.store.finalize_entry(id, now_ms()).await?;
     entry(app, id).await
 }

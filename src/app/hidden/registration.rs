@@ -40,7 +40,7 @@ pub fn decide_registration(new: &NewEntry<'_>, facts: &RegistrationFacts) -> Res
         return Err(RegistrationRefusal::OtherConfiguration(first.agent.clone()));
     }
     // An owner with two names would have twice the attempts with one agent. The owner who first registered a
-    // configuration, in any epoch and tier, keeps it, because its hash may be read on a board.
+    // configuration keeps it, because its hash may be read on a board.
     if configuration_holder.as_deref().is_some_and(|holder| holder != new.owner) {
         return Err(RegistrationRefusal::ConfigurationTaken);
     }

@@ -134,7 +134,7 @@ impl ReadRequest {
         Box::pin(code_in_time(found.request.for_code, found.prepare(app, who))).await
     }
 
-    /// Prepares one of many requests, which share a slot.
+    /// Prepares one of many requests, which share a permit.
     ///
     /// # Errors
     /// Returns the same errors as [`Self::prepare`], except 429.
@@ -178,7 +178,7 @@ impl Found {
         !self.sent.codes.is_empty()
     }
 
-    /// Reads structure files, runs action code, for which the caller holds a slot, and checks the log against its task.
+    /// Reads structure files, runs action code, for which the caller holds a permit, and checks the log against its task.
     ///
     /// # Errors
     /// Returns the same errors as [`ReadRequest::prepare_in_turn`].

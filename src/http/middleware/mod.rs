@@ -5,3 +5,4 @@ pub mod observe;
 pub mod queries;
 pub mod rates;
 mod route;
+mod unrewarded;

@@ -317,9 +317,9 @@ impl Store {
     async fn has_objects(&self) -> StoreResult<bool> {
         for (table, column) in reference::COLUMNS {
             // The index of references has their length as a condition, which a bound value would not meet.
-            let (bytes, beginning) = (reference::BYTES, reference::BEGINNING);
+            let (length, beginning) = (reference::LENGTH, reference::BEGINNING);
             let exists = format!(
-                "SELECT EXISTS (SELECT 1 FROM {table} WHERE length({column}) = {bytes} AND substr({column}, 1, {}) = $1)",
+                "SELECT EXISTS (SELECT 1 FROM {table} WHERE length({column}) = {length} AND substr({column}, 1, {}) = $1)",
                 beginning.len()
             );
             if query_scalar(AssertSqlSafe(exists)).bind(beginning.as_bytes()).fetch_one(&self.readers).await? {

@@ -13,8 +13,10 @@ const DATE_CHARS: usize = 10;
 /// Columns that may hold references: table and column. An object that none of them refers to is deleted. Each has an
 /// index of its references.
 pub(super) const COLUMNS: [(&str, &str); 3] = [("submissions", "log"), ("reports", "body"), ("regraded", "body")];
-/// Number of bytes of a reference. The indexes of references name this number.
-pub(super) const BYTES: usize = BEGINNING.len() + DATE_CHARS + 1 + 64;
+/// [`BYTES`] as statements write it: the indexes of references have it as a condition.
+pub(super) const LENGTH: &str = "82";
+/// Number of bytes of a reference.
+const BYTES: usize = BEGINNING.len() + DATE_CHARS + 1 + 64;
 
 /// Reference to an object: the day on which it was written, and the SHA-256 of its bytes.
 ///
@@ -76,7 +78,7 @@ mod tests {
         let packed = zstd::bulk::compress(&[7; 5_000], 3).unwrap();
         let reference = Reference::of(&packed, day_ms("2026-11-24").unwrap() + 1);
         let column = reference.to_column();
-        assert_eq!(column.len(), BYTES);
+        assert_eq!((column.len(), LENGTH), (BYTES, BYTES.to_string().as_str()));
         assert!(column.starts_with(b"object:2026-11-24/"));
         assert_eq!(Reference::read(&column), Some(reference.clone()));
         assert_eq!(Reference::at(&reference.path()), Some(reference.clone()));

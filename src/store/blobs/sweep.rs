@@ -10,7 +10,7 @@ use std::collections::HashSet;
 use futures_util::TryStreamExt as _;
 use object_store::{ObjectStoreExt as _, path::Path};
 
-use super::reference::{BYTES, COLUMNS};
+use super::reference::{COLUMNS, LENGTH};
 use super::{Opened, Reference};
 use crate::clock::{DAY_MS, rfc3339};
 use crate::store::db::{Builder, query, query_scalar};
@@ -157,7 +157,14 @@ impl Store {
             // The index of references has this condition.
             select.push(if i == 0 { "" } else { " UNION ALL " });
             select.push("SELECT ").push(column).push(" FROM ").push(table);
-            select.push(format!(" WHERE length({column}) = {BYTES} AND {column} IN "));
+            select
+                .push(" WHERE length(")
+                .push(column)
+                .push(") = ")
+                .push(LENGTH)
+                .push(" AND ")
+                .push(column)
+                .push(" IN ");
             select.push_list(old.iter().map(Reference::to_column));
         }
         let held: Vec<(Vec<u8>,)> = select.build_as().fetch_all(&self.readers).await?;

@@ -29,7 +29,7 @@ use super::receipts::{LogHead, ReceiptFile};
 use super::reveal::{Reveal, RevealedSpecification};
 use super::secret::EpochKey;
 use super::siblings::{FIRST_WITH_SIBLINGS, Siblings};
-use super::{GENERATOR_VERSION, PROTOCOL};
+use super::{FIRST_WITH_KEPT_PART, GENERATOR_VERSION, PROTOCOL};
 use crate::checks::CHECKS_VERSION;
 use crate::tasks::hex;
 use crate::voxel::BlockLog;
@@ -164,9 +164,9 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     if commitment.siblings.is_some() && commitment.generator_version < FIRST_WITH_SIBLINGS {
         found.breach("siblings", "this version of the generator may draw siblings as hidden instances");
     }
-    if commitment.generator_version >= FIRST_WITH_SIBLINGS && commitment.protocol() < PROTOCOL {
+    if commitment.generator_version >= FIRST_WITH_SIBLINGS && commitment.protocol() < FIRST_WITH_KEPT_PART {
         let why = format!(
-            "the protocol: the epoch has version {}, though this program announces epochs with {PROTOCOL}",
+            "the protocol: the epoch has version {}, though programs with its generator announce epochs with {FIRST_WITH_KEPT_PART} or more",
             commitment.protocol()
         );
         found.unchecked.push(why);

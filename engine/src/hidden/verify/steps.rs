@@ -11,6 +11,7 @@ use crate::hidden::evidence::{DrawFact, EntryFact, Fact, fact, prompts_hash};
 use crate::hidden::feedback::Tier;
 use crate::hidden::receipts::ReceiptFile;
 use crate::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance};
+use crate::hidden::{FIRST_WITH_KEPT_PART, FIRST_WITH_PROMPTS};
 use crate::text::{agreeing, counted};
 
 /// Compares a reveal with its receipts.
@@ -46,7 +47,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, kept: &Kept, issue
     answers(reveal, commitment, rules, &stated, found);
     grades(reveal, issued, &stated, found);
     end(receipts, commitment, &stated, found);
-    if commitment.protocol() >= 2 {
+    if commitment.protocol() >= FIRST_WITH_KEPT_PART {
         places::check(&reveal.instances, &stated, found);
     }
     times::check(&stated, found);
@@ -189,7 +190,7 @@ fn draws(reveal: &Reveal, commitment: &Commitment, issued: &Issued<'_>, stated: 
         if instances.iter().any(|own| own.nonce != fact.nonce) {
             found.breach(place(), format!("the nonce of run {} is not the one on its receipt", key.1));
         }
-        asked(fact, instances, issued, found);
+        asked(fact, instances, issued, commitment, found);
         let message = DrawMessage { epoch: &commitment.epoch, entry: &fact.entry, run: fact.run, nonce: &fact.nonce };
         let proven = |key: &String| fact.proof.as_ref().is_some_and(|proof| verify(key, &message, proof).is_some());
         if !commitment.draw_key.as_ref().map_or(fact.proof.is_none(), proven) {
@@ -202,6 +203,13 @@ fn draws(reveal: &Reveal, commitment: &Commitment, issued: &Issued<'_>, stated: 
         if fact.drawn_at_ms < opens_at_ms || fact.drawn_at_ms >= commitment.closes_at_ms {
             found.breach(place(), format!("run {} was drawn while the epoch was not open", key.1));
         }
+    }
+    let silent = stated.draws.values().filter(|draw| draw.prompts_sha256.is_empty()).count();
+    if silent > 0 && commitment.protocol() < FIRST_WITH_PROMPTS {
+        let draws = counted(silent, "draw");
+        found
+            .unchecked
+            .push(format!("what was asked: the epoch's protocol did not demand it of receipts, and {draws} lack it"));
     }
     let owners: BTreeMap<&str, &str> =
         reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.owner.as_deref().unwrap_or_default())).collect();
@@ -219,10 +227,14 @@ fn draws(reveal: &Reveal, commitment: &Commitment, issued: &Issued<'_>, stated: 
 }
 
 /// Checks that the entrant was asked what the specifications of the instances ask.
-fn asked(fact: &DrawFact, instances: &[&RevealedInstance], issued: &Issued<'_>, found: &mut Verified) {
-    if fact.prompts_sha256.is_empty() {
-        let of = format!("the draw of run {} of entry {}", fact.run, fact.entry);
-        found.unchecked.push(format!("{of}: an older program signed it, and the receipt does not say what was asked"));
+fn asked(
+    fact: &DrawFact,
+    instances: &[&RevealedInstance],
+    issued: &Issued<'_>,
+    commitment: &Commitment,
+    found: &mut Verified,
+) {
+    if fact.prompts_sha256.is_empty() && commitment.protocol() < FIRST_WITH_PROMPTS {
         return;
     }
     if fact.prompts_sha256.len() != fact.instances.len() {
@@ -344,8 +356,8 @@ fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, f
     } else if early_ms > 0 {
         let minutes = agreeing((early_ms + 59_999) / 60_000, "minute", "minutes");
         found.remarks.push(format!(
-            "the operator closed the epoch {minutes} before its committed end, with the reason {:?}: who had not answered by then \
-             could not any more",
+            "the epoch ended {minutes} before its committed end, with the reason {:?}: who had not answered by then could not \
+             any more",
             closed.reason
         ));
     }

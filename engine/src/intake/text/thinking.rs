@@ -22,6 +22,12 @@ const TOKENS: [(&str, &str); 6] = [
     ("<|channel>", "<channel|>"),
 ];
 
+/// Tokens that begin the answer, so that everything before them is thought.
+const ANSWERS: [&str; 1] = [
+    // Cohere.
+    "<|START_RESPONSE|>",
+];
+
 /// Token of gpt-oss (the Harmony format) that begins the name of a channel. The answer is in the channel `final`.
 const CHANNEL: &str = "<|channel|>";
 /// Token of Harmony between the head of a message and its text.
@@ -53,8 +59,9 @@ fn blanked(text: &str) -> (String, Option<Tag>) {
             }
         }
     };
-    let (mut opened, mut stray): (Option<Tag>, usize) = (None, 0);
-    for tag in tags(text) {
+    let begin = bare_final(text).unwrap_or(0);
+    let (mut opened, mut stray): (Option<Tag>, usize) = (None, begin);
+    for tag in tags(text).filter(|tag| tag.begin >= begin) {
         match (&opened, tag.is_closing) {
             (None, false) => opened = Some(tag),
             (Some(open), true) => {
@@ -77,12 +84,10 @@ fn blanked(text: &str) -> (String, Option<Tag>) {
 
 /// Returns the text without the tokens that end it, such as `<|im_end|>`.
 fn without_end_tokens(mut text: &str) -> &str {
-    let is_name =
-        |name: &&str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_');
-    let barred = |text: &'_ str| {
-        let inner = text.strip_suffix("|>")?;
-        let (_, name) = inner.rsplit_once("<|").filter(|(_, name)| is_name(name))?;
-        Some(inner.len() - name.len() - "<|".len())
+    let barred = |text: &str| {
+        let named = text.strip_suffix("|>")?;
+        let begun = named.trim_end_matches(|c: char| c.is_ascii_alphanumeric() || c == '_');
+        begun.strip_suffix("<|").filter(|_| begun.len() < named.len()).map(str::len)
     };
     loop {
         let rest = text.trim_end();
@@ -121,13 +126,11 @@ struct Tag {
 
 /// Returns the tags and tokens that open or close a thought, in order.
 fn tags(text: &str) -> impl Iterator<Item = Tag> {
-    let bare = bare_final(text).map(|end| Tag { begin: 0, end, is_closing: true });
-    let marked = text.match_indices(['<', '[', '◁']).filter_map(|(begin, _)| {
+    text.match_indices(['<', '[', '◁']).filter_map(|(begin, _)| {
         let rest = &text[begin..];
         let (length, is_closing) = named(rest).or_else(|| token(rest)).or_else(|| channel(rest))?;
         Some(Tag { begin, end: begin + length, is_closing })
-    });
-    bare.into_iter().chain(marked)
+    })
 }
 
 /// Returns the length of the tag of [`TAGS`] that a text begins with, and whether it closes.
@@ -139,12 +142,12 @@ fn named(text: &str) -> Option<(usize, bool)> {
     is_one.then(|| (text.len() - name.len() + length + 1, is_closing))
 }
 
-/// Returns the length of the token of [`TOKENS`] that a text begins with, and whether it closes.
+/// Returns the length of the token of [`TOKENS`] or [`ANSWERS`] that a text begins with, and whether it closes.
 fn token(text: &str) -> Option<(usize, bool)> {
-    TOKENS.iter().find_map(|(opening, closing)| {
-        let length = |token: &str| text.starts_with(token).then_some(token.len());
-        length(opening).map(|length| (length, false)).or_else(|| length(closing).map(|length| (length, true)))
-    })
+    let opening = TOKENS.iter().map(|(opening, _)| (*opening, false));
+    let closing = TOKENS.iter().map(|(_, closing)| *closing).chain(ANSWERS).map(|token| (token, true));
+    let mut tokens = opening.chain(closing);
+    tokens.find_map(|(token, is_closing)| text.starts_with(token).then_some((token.len(), is_closing)))
 }
 
 /// Returns the length of the head of a Harmony message that a text begins with, and whether it closes the thoughts, which
@@ -178,9 +181,18 @@ mod tests {
     #[test]
     fn marks_without_number_are_read_in_one_pass() {
         const MARKS: usize = 300_000;
-        for mark in
-            ["</s>", "<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"]
-        {
+        for mark in END_TOKENS.into_iter().chain([
+            "<|im_end|>",
+            "<|channel|>",
+            "<|channel|>final",
+            "<",
+            "◁",
+            "[",
+            "<|",
+            "|>",
+            "</think>",
+            "<think>",
+        ]) {
             let text = format!("a {}", mark.repeat(MARKS));
             assert_eq!(without_thoughts(&text).0.len(), text.len());
         }
@@ -201,7 +213,7 @@ mod tests {
             ("a◁/think▷b ◁think▷c", ("b", true)),
             ("<seed:think>a</seed:think>b", ("b", false)),
             ("a</longcat_think>b", ("b", false)),
-            ("<|START_THINKING|>a<|END_THINKING|><|START_RESPONSE|>b<|END_RESPONSE|>", ("<|START_RESPONSE|>b", false)),
+            ("<|START_THINKING|>a<|END_THINKING|><|START_RESPONSE|>b<|END_RESPONSE|>", ("b", false)),
             ("<|channel>thought\na<channel|>b<turn|>", ("b", false)),
             (
                 "<|channel|>analysis<|message|>a<|end|><|start|>assistant<|channel|>final<|message|>b<|return|>",
@@ -210,6 +222,7 @@ mod tests {
             ("<|channel|>commentary to=f <|constrain|>json<|message|>{}<|call|>", ("", true)),
             ("<|channel|>final <|constrain|>json<|message|>{}", ("{}", false)),
             ("analysisWe build.assistantfinalb", ("b", false)),
+            ("analysisA tag </think> or <think>.assistantfinalb", ("b", false)),
             ("the analysis of assistantfinal", ("the analysis of assistantfinal", false)),
             ("b\n```<|im_end|>\n", ("b ```", false)),
             ("b</s><|eot_id|>", ("b", false)),
