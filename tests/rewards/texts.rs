@@ -73,6 +73,42 @@ async fn raw_output_of_every_family_is_read() {
     }
 }
 
+/// A thought that the prompt opened and the end of the text cut off is no answer, also where its end names a channel.
+#[tokio::test]
+async fn thoughts_that_are_cut_off_are_no_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let draft = format!("Draft:\n```js\n{WALL}\n```\nBut wait");
+    for (prompt, whole, reward) in [
+        ("<|im_start|>assistant\n<think>\n", draft.clone(), 0.0),
+        ("<|im_start|>assistant\n<think>\n", format!("{draft}\n</think>\n```js\n{WALL}\n```<|im_end|>"), 1.0),
+        ("<|im_start|>assistant\n", draft.clone(), 1.0),
+        ("Build it.\n", format!("analysisWe build. {draft}"), 0.0),
+    ] {
+        let body =
+            json!({ "query": [format!("{prompt}{whole}")], "prompts": [prompt], "labels": ["walls/5x1x5-raise"] });
+        let rewarded = service.post_json("/get_reward", &body).await.json();
+        assert_eq!(rewarded["rewards"], json!([reward]), "{prompt}{whole}: {rewarded}");
+    }
+    // Action code as a submission has it is read the same way.
+    let script = format!("(async (bot) => {{\n{WALL}\n}})");
+    for code in [
+        format!("<think>plan</think>\n\n```js\n{script}\n```<｜end▁of▁sentence｜>"),
+        format!("```js\n{script}```\nDone."),
+        format!("<think>plan</think>\n{script}<|eot_id|>"),
+        format!("```js\n{script}\n```<|im_end|>\n<|im_start|>user\nThanks!<|im_end|>"),
+    ] {
+        let turns = json!([{ "action_code": code }]);
+        for body in [json!({ "turns": turns }), json!({ "answer": code })] {
+            let mut body = body;
+            body["task"] = "walls/5x1x5-raise".into();
+            body["suite"] = "mineceraft@2".into();
+            let graded = service.post_json("/v1/grade", &body).await.json();
+            assert_eq!(graded["reward"], 1.0, "{code}: {graded}");
+        }
+    }
+}
+
 /// What stands beside a fence, or in its place, explains why code fails; where the code builds, nothing is said.
 #[tokio::test]
 async fn what_surrounds_code_explains_why_it_fails() {

@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 
 use super::text::fences::{Fence, fences};
-use super::text::thinking::without_thoughts;
+use super::text::template::message;
+use super::text::thinking::{begins_with_thought, without_thoughts};
 use crate::voxel::block_log::{BlockLog, Event};
 use crate::voxel::cell::Cell;
 use crate::voxel::profile::Profile;
@@ -105,11 +106,14 @@ impl BlockLog {
 /// Extracts code that was sent inside code fences: returns the last non-empty fence outside thinking tags.
 ///
 /// The code keeps its line numbers, so that the lines in error messages are those of the text that was sent. Text
-/// without fences is returned unchanged.
+/// without fences is returned without a thought at its beginning and without the tokens that end a message.
 #[must_use]
 pub fn without_fences(code: &str) -> Cow<'_, str> {
     if fences(code).is_empty() {
-        return Cow::Borrowed(code);
+        if begins_with_thought(code) {
+            return Cow::Owned(without_thoughts(code).0);
+        }
+        return Cow::Borrowed(&code[..message(code).end]);
     }
     let (shown, _) = without_thoughts(code);
     let fences = fences(&shown);
@@ -143,6 +147,9 @@ mod tests {
         let code = "await skills.placeBlock(bot, 'stone', 0, 0, 0);";
         for (sent, expected) in [
             (code.to_owned(), code.to_owned()),
+            (format!("<think>a\n</think>\n{code}<|im_end|>"), format!("        \n        \n{code}          ")),
+            (format!("{code}</s>"), code.to_owned()),
+            (format!("{code} // <think>"), format!("{code} // <think>")),
             (format!("So:\n```js\n{code}\n```\n"), format!("\n\n{code}\n")),
             (format!("{code}\n```"), code.to_owned()),
             (format!("{code}\n```\n"), code.to_owned()),

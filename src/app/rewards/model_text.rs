@@ -69,8 +69,15 @@ pub enum FoundKind {
 pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<(SentLog, AnswerBody), String> {
     let read: Vec<(usize, Result<FoundAnswer, String>)> =
         (1..).zip(texts).map(|(place, text)| (place, read_as(profile, text))).collect();
-    let mut found: Vec<(usize, &FoundAnswer)> =
-        read.iter().filter_map(|(place, read)| read.as_ref().ok().map(|found| (*place, found))).collect();
+    let answers = read.iter().filter_map(|(place, read)| read.as_ref().ok().map(|found| (*place, found)));
+    let mut found: Vec<(usize, &FoundAnswer)> = answers.collect();
+    // What a model says of the skills that it used does not displace code.
+    if texts.len() > turns {
+        let known: Vec<_> = found.iter().copied().filter(|(place, _)| !is_remark(profile, &texts[place - 1])).collect();
+        if known.len() >= turns {
+            found = known;
+        }
+    }
     let Some(&(_, last)) = found.last() else {
         let why = read.iter().rev().find_map(|(_, read)| read.as_ref().err());
         return Err(why.cloned().unwrap_or_else(|| "the model wrote nothing".to_owned()));
@@ -160,6 +167,12 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
     Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
 }
 
+/// Returns whether a text is taken for code under the profile `mindcraft` only because it names a function that code calls:
+/// it has neither a fence nor a line that is code by itself.
+fn is_remark(profile: Profile, text: &str) -> bool {
+    !profile.is_published() && !text.contains(FENCE) && read_answer(text, LIMITS.log()).is_err()
+}
+
 /// Returns whether a line of a text lies outside its fences, and what the fences enclose is action code.
 fn is_beside_code(text: &str, line: usize) -> bool {
     let (shown, _) = without_thoughts(text);
@@ -232,6 +245,15 @@ mod tests {
         {
             assert_eq!(kind(&format!("Plan:\n```{fenced}\n```\n{log}")).0, AnswerKind::Log, "{fenced}");
         }
+        // What a model says of its code at the end does not count; where nothing else is there, it is read as code.
+        let texts = |texts: &[&str]| -> Vec<String> { texts.iter().map(|text| (*text).to_owned()).collect() };
+        let used = |given: &[&str], turns| {
+            let (_, answer) = log_in_texts(&texts(given), turns, Profile::Mindcraft).unwrap();
+            answer.found.iter().map(|found| found.text).collect::<Vec<usize>>()
+        };
+        assert_eq!(used(&[wall, "I used `skills.placeBlock(bot, 'stone', 0, 0, 0)`."], 1), [1]);
+        assert_eq!(used(&[wall, wall, "Done! Each block uses skills.placeBlock."], 2), [1, 2]);
+        assert_eq!(used(&["I used skills.placeBlock."], 1), [1]);
         // JSON in a fence is an answer of its own, and so is JSON alone.
         assert_eq!(kind(&format!("{wall}Or:\n```json\n{{\"events\": []}}\n```")).0, AnswerKind::Log);
         assert_eq!(kind(r#"{"events": []}"#).0, AnswerKind::Log);

@@ -46,6 +46,14 @@ fn outermost(text: &str) -> Vec<Fence> {
                     found.push(Fence { language, content: begin..at });
                 }
             }
+            // Models often close a fence at the end of the last line of its content.
+            (Some((opening, language, _)), None) if opening.closes_at_end(line) && language != "markdown" => {
+                let marked = line.trim_end();
+                let content = marked.trim_end_matches(opening.sign).len();
+                if let Some((_, language, begin)) = open.take() {
+                    found.push(Fence { language, content: begin..at + content });
+                }
+            }
             _ => {}
         }
         at += line.len();
@@ -74,6 +82,13 @@ impl Mark {
     fn closes(self, opening: Self) -> bool {
         self.sign == opening.sign && self.length >= opening.length
     }
+
+    /// Returns whether this fence is closed at the end of a line of its content, with nothing else of its sign there.
+    fn closes_at_end(self, line: &str) -> bool {
+        let marked = line.trim_end();
+        let content = marked.trim_end_matches(self.sign);
+        marked.len() - content.len() == self.length && !content.contains(self.sign)
+    }
 }
 
 #[cfg(test)]
@@ -93,5 +108,9 @@ mod tests {
         assert_eq!(fences(nested).first().map(|f| &nested[f.content.clone()]), Some("code\n"));
         assert_eq!(fences("```js"), [Fence { language: "js".to_owned(), content: 5..5 }]);
         assert_eq!(fences("no fence, `code` alone"), []);
+        let glued = "```js\na();\nb();```\nDone.";
+        assert_eq!(fences(glued).iter().map(|f| &glued[f.content.clone()]).collect::<Vec<_>>(), ["a();\nb();"]);
+        let whole = "```js\na(`x```);\nb(`y ```z```);\n```";
+        assert_eq!(fences(whole).len(), 1);
     }
 }

@@ -7,6 +7,7 @@
 mod bare_code;
 pub mod fences;
 mod json;
+pub mod template;
 pub mod thinking;
 
 pub use json::WASTE_BYTES;
@@ -18,7 +19,7 @@ use super::code::{SentLog, on_its_lines};
 use super::not_json::{message, remedy};
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
-use thinking::without_thoughts;
+use thinking::{closed_without_opening, unclosed, without_thoughts};
 
 /// The kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +50,7 @@ pub struct FoundAnswer {
 /// # Errors
 /// Returns a human-readable reason if the text holds no answer that can be graded.
 pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String> {
-    let (shown, ends_in_thought) = without_thoughts(text);
+    let (shown, _) = without_thoughts(text);
     let fences = fences(&shown);
     let json = json::logs_in(&shown);
     let mut candidates: Vec<(AnswerKind, Range<usize>)> =
@@ -65,7 +66,7 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     }
     // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
-        return Err(why_none(&shown, &fences, &json, ends_in_thought));
+        return Err(thought_of(text).unwrap_or_else(|| why_none(&shown, &fences, &json)));
     };
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
@@ -124,10 +125,16 @@ fn code_fences<'t>(
     all.into_iter().filter(move |range| !any_calls || calls_skills(&text[range.clone()]))
 }
 
-fn why_none(text: &str, fences: &[Fence], json: &json::Scanned, ends_in_thought: bool) -> String {
-    if ends_in_thought {
-        return "the answer ends inside a thinking tag that is never closed".to_owned();
+/// Explains why nothing is left of a text without its thoughts, or of its end.
+fn thought_of(text: &str) -> Option<String> {
+    if let Some((line, tag)) = unclosed(text) {
+        return Some(format!("the answer ends inside a thinking tag that is never closed: {tag} in line {line}"));
     }
+    let (line, tag) = closed_without_opening(text)?;
+    Some(format!("no answer follows {tag} in line {line}, before which everything was taken for thoughts"))
+}
+
+fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
     if let Some(at) = json.unfinished {
         return format!("the JSON that begins on line {} is incomplete", line_of(text, at));
     }
@@ -280,7 +287,14 @@ mod tests {
     fn what_is_no_answer_is_told() {
         for (text, why) in [
             ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
-            ("<think>{\"events\": []}", "the answer ends inside a thinking tag that is never closed"),
+            (
+                "<think>{\"events\": []}",
+                "the answer ends inside a thinking tag that is never closed: <think> in line 1",
+            ),
+            (
+                "{\"events\": []}\n</think>",
+                "no answer follows </think> in line 2, before which everything was taken for thoughts",
+            ),
             ("So:\n{\"events\": [{\"action\":", "the JSON that begins on line 2 is incomplete"),
             (
                 "{\"plan\": [1, 2]}",

@@ -1,4 +1,8 @@
-//! Removal of what a model's raw output holds beside its answer: its thoughts, and tokens that end a message.
+//! Removal of what a model's raw output holds beside its answer: its thoughts, and tokens around the message.
+
+use std::ops::Range;
+
+use super::{line_of, template};
 
 /// Names of the tags that enclose thoughts, as in `<think>` and `</think>`, in any letter case.
 const TAGS: [&str; 7] = ["think", "thinking", "thought", "reasoning", "scratchpad", "seed:think", "longcat_think"];
@@ -35,75 +39,118 @@ const MESSAGE: &str = "<|message|>";
 /// Most bytes of the head of a Harmony message, which may name a recipient and a format.
 const LONGEST_HEAD: usize = 200;
 
-/// Tokens without bars that end a message; those with bars have the form `<|name|>`.
-const END_TOKENS: [&str; 3] = ["</s>", "<end_of_turn>", "<turn|>"];
-
-/// Replaces thinking tags, the thoughts between them and the end tokens of the text with spaces, which keeps line numbers
-/// and byte offsets, and also returns whether the text ends inside a thought.
+/// Replaces thinking tags, the thoughts between them and the tokens around the message with spaces, which keeps line
+/// numbers and byte offsets, and also returns whether the text ends inside a thought.
 ///
 /// An unclosed tag extends to the end of the text. Everything before a closing tag without an opening one is a thought,
-/// because some templates put the opening tag into the prompt.
+/// because some templates put the opening tag into the prompt; but not if a thought was closed before.
 #[must_use]
 pub fn without_thoughts(text: &str) -> (String, bool) {
-    let (shown, unclosed) = blanked(text);
+    let Blanked { shown, unclosed, stray: _ } = blanked(text);
     (shown, unclosed.is_some())
 }
 
-/// Does the same as [`without_thoughts`], and returns the tag that is never closed.
-fn blanked(text: &str) -> (String, Option<Tag>) {
-    let mut shown = text.as_bytes().to_vec();
-    let mut blank = |from: usize, to: usize| {
-        for byte in &mut shown[from..to] {
-            if *byte != b'\n' {
-                *byte = b' ';
-            }
-        }
-    };
-    let begin = bare_final(text).unwrap_or(0);
-    let (mut opened, mut stray): (Option<Tag>, usize) = (None, begin);
-    for tag in tags(text).filter(|tag| tag.begin >= begin) {
-        match (&opened, tag.is_closing) {
-            (None, false) => opened = Some(tag),
-            (Some(open), true) => {
-                blank(open.begin, tag.end);
-                opened = None;
-            }
-            (None, true) => stray = tag.end,
-            // An opening tag inside a thought has no effect.
-            (Some(_), false) => {}
-        }
-    }
-    blank(0, stray);
-    blank(without_end_tokens(text).len(), text.len());
-    if let Some(open) = &opened {
-        blank(open.begin, text.len());
-    }
-    // Each byte of a blanked character became a space, so the text is still valid UTF-8.
-    (String::from_utf8_lossy(&shown).into_owned(), opened)
+/// A text whose thoughts are blank.
+struct Blanked {
+    shown: String,
+    /// The opening tag that is never closed.
+    unclosed: Option<Tag>,
+    /// The last closing tag without an opening one that ends thoughts.
+    stray: Option<Tag>,
 }
 
-/// Returns the text without the tokens that end it, such as `<|im_end|>`.
-fn without_end_tokens(mut text: &str) -> &str {
-    let barred = |text: &str| {
-        let named = text.strip_suffix("|>")?;
-        let begun = named.trim_end_matches(|c: char| c.is_ascii_alphanumeric() || c == '_');
-        begun.strip_suffix("<|").filter(|_| begun.len() < named.len()).map(str::len)
+fn blanked(text: &str) -> Blanked {
+    let mut shown = text.as_bytes().to_vec();
+    let (begin, mut opened) = match bare_channels(text) {
+        None => (0, None),
+        Some(Bare::Answer(at)) => (at, None),
+        Some(Bare::Thought(tag)) => (text.len(), Some(tag)),
     };
-    loop {
-        let rest = text.trim_end();
-        let named = || END_TOKENS.iter().find_map(|token| rest.strip_suffix(token)).map(str::len);
-        match barred(rest).or_else(named) {
-            Some(length) => text = &rest[..length],
-            None => return text,
+    blank(&mut shown, 0..begin);
+    let mut stray = None;
+    // A thought may have held an opening tag, and then ends with the second closing one.
+    let (mut is_any_closed, mut is_nested) = (false, false);
+    for tag in tags(text).filter(|tag| tag.begin >= begin) {
+        match (&opened, tag.is_closing) {
+            (None, false) => {
+                is_nested = false;
+                opened = Some(tag);
+            }
+            (Some(open), true) => {
+                blank(&mut shown, open.begin..tag.end);
+                is_any_closed = true;
+                opened = None;
+            }
+            (None, true) if is_any_closed && !is_nested => blank(&mut shown, tag.begin..tag.end),
+            (None, true) => {
+                blank(&mut shown, 0..tag.end);
+                (is_any_closed, is_nested) = (true, false);
+                stray = Some(tag);
+            }
+            (Some(_), false) => is_nested = true,
         }
     }
+    if let Some(open) = &opened {
+        blank(&mut shown, open.begin..text.len());
+    }
+    // Each byte of a blanked character became a space, so the text is still valid UTF-8.
+    let mut shown = String::from_utf8(shown).expect("whole characters are blanked");
+    let message = template::message(&shown);
+    if message != (0..shown.len()) {
+        let mut bytes = shown.into_bytes();
+        let length = bytes.len();
+        blank(&mut bytes, 0..message.start);
+        blank(&mut bytes, message.end..length);
+        shown = String::from_utf8(bytes).expect("whole characters are blanked");
+    }
+    Blanked { shown, unclosed: opened, stray }
+}
+
+/// Replaces what is no line break with spaces.
+fn blank(bytes: &mut [u8], range: Range<usize>) {
+    for byte in &mut bytes[range] {
+        if *byte != b'\n' {
+            *byte = b' ';
+        }
+    }
+}
+
+/// Returns the line and the name of the tag that opens a thought which never ends.
+#[must_use]
+pub fn unclosed(text: &str) -> Option<(usize, &str)> {
+    let tag = blanked(text).unclosed?;
+    Some((line_of(text, tag.begin), &text[tag.begin..tag.end]))
+}
+
+/// Returns the line and the name of the closing tag without an opening one before which everything was taken for thoughts.
+#[must_use]
+pub fn closed_without_opening(text: &str) -> Option<(usize, &str)> {
+    let tag = blanked(text).stray?;
+    Some((line_of(text, tag.begin), &text[tag.begin..tag.end]))
+}
+
+/// Returns the opening tag at the end of a prompt, which the answer to it goes on from.
+#[must_use]
+pub fn opened_at_the_end(prompt: &str) -> Option<&str> {
+    let prompt = prompt.trim_end();
+    let last = prompt.rfind(['<', '[', '◁'])?;
+    let tag = tags(&prompt[last..]).next().filter(|tag| tag.begin == 0 && !tag.is_closing)?;
+    let opening = &prompt[last..];
+    (tag.end == opening.len()).then_some(opening)
+}
+
+/// Returns whether a text begins with a thought.
+#[must_use]
+pub fn begins_with_thought(text: &str) -> bool {
+    let begin = text.len() - text.trim_start().len();
+    tags(text).next().is_some_and(|tag| tag.begin == begin && !tag.is_closing)
 }
 
 /// Removes thinking tags and the thoughts between them. Lines keep their numbers; what is left of a line with a thought
 /// loses the spaces around it. A tag that is never closed stays, so that whoever reads the rest can tell.
 #[must_use]
 pub fn thoughts_removed(text: &str) -> String {
-    let (shown, unclosed) = blanked(text);
+    let Blanked { shown, unclosed, stray: _ } = blanked(text);
     let (end, tag) = unclosed.map_or((text.len(), ""), |tag| (tag.begin, &text[tag.begin..tag.end]));
     let (text, shown) = (&text[..end], &shown[..end]);
     let mut kept = String::new();
@@ -160,12 +207,26 @@ fn channel(text: &str) -> Option<(usize, bool)> {
     Some((CHANNEL.len() + length, is_final))
 }
 
-/// Returns where the answer begins in Harmony output that was decoded without its tokens, which leaves
-/// `analysis…assistantfinal…`.
-fn bare_final(text: &str) -> Option<usize> {
+/// Harmony output that was decoded without its tokens, which leaves `analysis…assistantfinal…`.
+enum Bare {
+    /// The answer begins here.
+    Answer(usize),
+    /// The output ends in the thoughts, which begin with this tag.
+    Thought(Tag),
+}
+
+/// Returns what a text is if it is Harmony output that was decoded without its tokens.
+fn bare_channels(text: &str) -> Option<Bare> {
+    const ANALYSIS: &str = "analysis";
     const FINAL: &str = "assistantfinal";
-    let is_harmony = text.trim_start().starts_with("analysis");
-    is_harmony.then(|| text.rfind(FINAL)).flatten().map(|at| at + FINAL.len())
+    let begin = text.len() - text.trim_start().len();
+    let thought = text[begin..].strip_prefix(ANALYSIS)?;
+    if let Some(at) = text.rfind(FINAL) {
+        return Some(Bare::Answer(at + FINAL.len()));
+    }
+    // The first word of the thoughts follows without a space, and has a capital letter.
+    let is_thought = thought.chars().next().is_some_and(|c| c.is_alphabetic() && !c.is_lowercase());
+    is_thought.then(|| Bare::Thought(Tag { begin, end: begin + ANALYSIS.len(), is_closing: false }))
 }
 
 #[cfg(test)]
@@ -181,18 +242,8 @@ mod tests {
     #[test]
     fn marks_without_number_are_read_in_one_pass() {
         const MARKS: usize = 300_000;
-        for mark in END_TOKENS.into_iter().chain([
-            "<|im_end|>",
-            "<|channel|>",
-            "<|channel|>final",
-            "<",
-            "◁",
-            "[",
-            "<|",
-            "|>",
-            "</think>",
-            "<think>",
-        ]) {
+        for mark in ["<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"]
+        {
             let text = format!("a {}", mark.repeat(MARKS));
             assert_eq!(without_thoughts(&text).0.len(), text.len());
         }
@@ -207,7 +258,9 @@ mod tests {
             ("draft é</think>c <Thinking>d</THINKING>e", ("c e", false)),
             ("a <think>b <think> c</think> d", ("a d", false)),
             ("a <reasoning>never ends", ("a", true)),
-            ("a <think>b</think> c</think>d", ("d", false)),
+            ("a <think>b</think> c</think>d", ("a c d", false)),
+            ("<think>a <think>b</think> c</think>d", ("d", false)),
+            ("<think>a</think>b\n</think>", ("b", false)),
             ("1 < 2 and <b>bold</b>", ("1 < 2 and <b>bold</b>", false)),
             ("[THINK]a [0][/THINK]b [1]", ("b [1]", false)),
             ("a◁/think▷b ◁think▷c", ("b", true)),
@@ -226,11 +279,21 @@ mod tests {
             ("the analysis of assistantfinal", ("the analysis of assistantfinal", false)),
             ("b\n```<|im_end|>\n", ("b ```", false)),
             ("b</s><|eot_id|>", ("b", false)),
-            ("a <|b c|>", ("a <|b c|>", false)),
-            ("a || b |> c", ("a || b |> c", false)),
+            ("<think>a</think><|im_start|>assistant\nb<|im_end|>\nc", ("b", false)),
+            ("analysisWe need to build.", ("", true)),
+            ("analysis: b", ("analysis: b", false)),
         ] {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
+        assert_eq!(unclosed("a\n<Thinking>b"), Some((2, "<Thinking>")));
+        assert_eq!(closed_without_opening("a\n\nb [/THINK]c"), Some((3, "[/THINK]")));
+        assert_eq!(closed_without_opening("<think>a</think>b</think>"), None);
+        assert_eq!(opened_at_the_end("user: build\nassistant: <think>\n"), Some("<think>"));
+        assert_eq!(opened_at_the_end("<think>plan</think>"), None);
+        assert_eq!(opened_at_the_end("<think> a"), None);
+        assert!(
+            begins_with_thought(" [THINK]a") && !begins_with_thought("a <think>") && !begins_with_thought("</think>")
+        );
         let text = "<think>a\nb</think>```js\n  c();\n```<think>d";
         assert_eq!(thoughts_removed(text), "\n```js\n  c();\n```<think>");
         assert_eq!(without_thoughts("<think>\n\n</think>x").0.matches('\n').count(), 2);

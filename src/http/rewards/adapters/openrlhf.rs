@@ -25,6 +25,7 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::text::thinking::opened_at_the_end;
 use plumbline_engine::text::counted;
 
 /// Members of a label that are read.
@@ -128,8 +129,11 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     let judge_one = async |i: usize| {
         let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
         let whole = query.query[i].as_str();
-        let answer = without_prompt(whole, prompt.unwrap_or_default()).to_owned();
+        let answer = without_prompt(whole, prompt.unwrap_or_default());
         let is_whole = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
+        // Templates of thinking models open the thought in the prompt, and an answer that is cut off never closes it.
+        let opened = prompt.and_then(opened_at_the_end).filter(|_| !is_whole).unwrap_or_default();
+        let answer = format!("{opened}{answer}");
         let graded = match naming(&query.labels[i]) {
             Ok(naming) => judge(&state, who, &catalogue, &naming, vec![answer]).await,
             Err(error) => Err(error),

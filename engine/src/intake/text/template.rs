@@ -1,0 +1,107 @@
+//! Tokens that a chat template puts around a message, as raw output has them.
+
+/// Tokens after which a message is over, whatever the model went on to write.
+const ENDS: [&str; 10] = [
+    "<|im_end|>",
+    "<|eot_id|>",
+    "<|eom_id|>",
+    "<|end_of_text|>",
+    "<|endoftext|>",
+    "<|return|>",
+    "<|END_RESPONSE|>",
+    "<｜end▁of▁sentence｜>",
+    "<end_of_turn>",
+    "[|endofturn|]",
+];
+
+/// Further tokens that are left out at the end of a text, beside all of the form `<|name|>`. Within a text they may be part
+/// of code.
+const LAST: [&str; 10] =
+    ["</s>", "<turn|>", "<eos>", "<eom>", "<eot>", "<pad>", "<seed:eos>", "</longcat_s>", "[e~[", "<SPECIAL_12>"];
+
+/// Tokens without bars that begin a message.
+const BEGINNINGS: [&str; 2] = ["<start_of_turn>", "<s>"];
+
+/// Names of the sender between the tokens that begin a message.
+const ROLES: [&str; 2] = ["assistant", "model"];
+
+/// Returns where the message in a text begins and ends, without the tokens around it.
+#[must_use]
+pub fn message(text: &str) -> std::ops::Range<usize> {
+    let end = ENDS.iter().filter_map(|token| text.find(token)).min().unwrap_or(text.len());
+    let end = without_last_tokens(&text[..end]).len();
+    beginning(&text[..end])..end
+}
+
+/// Returns the length of the tokens that begin a message, with the name of its sender.
+fn beginning(text: &str) -> usize {
+    let mut rest = text;
+    loop {
+        let next = rest.trim_start();
+        let token = BEGINNINGS.iter().find_map(|token| next.strip_prefix(token)).or_else(|| after_barred(next));
+        let Some(after) = token else { return text.len() - rest.len() };
+        let role = ROLES.iter().find_map(|role| after.strip_prefix(role));
+        rest = role.filter(|rest| rest.is_empty() || rest.starts_with(['<', '\n'])).unwrap_or(after);
+    }
+}
+
+/// Returns what follows the token `<|name|>` at the beginning of a text.
+fn after_barred(text: &str) -> Option<&str> {
+    let named = text.strip_prefix("<|")?;
+    let after = named.trim_start_matches(is_of_name);
+    after.strip_prefix("|>").filter(|_| after.len() < named.len())
+}
+
+/// Returns the text without the tokens that end it.
+fn without_last_tokens(mut text: &str) -> &str {
+    let barred = |text: &str| {
+        let named = text.strip_suffix("|>")?;
+        let begun = named.trim_end_matches(is_of_name);
+        begun.strip_suffix("<|").filter(|_| begun.len() < named.len()).map(str::len)
+    };
+    loop {
+        let rest = text.trim_end();
+        let known = || LAST.iter().find_map(|token| rest.strip_suffix(token)).map(str::len);
+        match barred(rest).or_else(known) {
+            Some(length) => text = &rest[..length],
+            None => return text,
+        }
+    }
+}
+
+fn is_of_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_around_a_message_are_no_part_of_it() {
+        for (text, expected) in [
+            ("a <|im_end|>\n<|im_start|>user\nb<|im_end|>", "a "),
+            ("a</s><|eot_id|>", "a"),
+            ("a</s> b", "a</s> b"),
+            ("a<｜end▁of▁sentence｜>", "a"),
+            ("a<end_of_turn>\n<pad><pad>", "a"),
+            ("a<eos>\n", "a"),
+            ("a <|b c|>", "a <|b c|>"),
+            ("a || b |> c", "a || b |> c"),
+            ("|>", "|>"),
+            ("<|start_header_id|>assistant<|end_header_id|>\n\na", "\n\na"),
+            ("<|im_start|>assistant\na", "\na"),
+            ("<start_of_turn>model\na<end_of_turn>", "\na"),
+            ("<|im_start|>assistants a", "assistants a"),
+            ("assistant\na", "assistant\na"),
+        ] {
+            assert_eq!(&text[message(text)], expected, "{text}");
+        }
+        const MARKS: usize = 300_000;
+        for token in ENDS.into_iter().chain(LAST).chain(BEGINNINGS).chain(["<|a|>", "<|", "|>", "<"]) {
+            for text in [token.repeat(MARKS), format!("a {}", token.repeat(MARKS))] {
+                assert!(message(&text).end <= text.len());
+            }
+        }
+    }
+}
