@@ -2,6 +2,12 @@
 
 use std::fmt::Display;
 
+/// Returns the number of the line, from 1, on which a byte of a text stands.
+#[must_use]
+pub fn line_of(text: &str, at: usize) -> usize {
+    1 + text[..at].matches('\n').count()
+}
+
 /// Begins a text with a capital letter.
 #[must_use]
 pub fn sentence(text: &str) -> String {

@@ -116,8 +116,7 @@ async fn every_tampering_with_a_reveal_is_found() {
 
     // The operator, who has the key, signs everything anew without the last entry: the log that was kept and the
     // receipts that were given out are then the only witnesses, and each of them is enough.
-    let forged = forged_without_the_last_entry(&scene, &downloaded.reveal);
-    let reveal: Reveal = serde_json::from_value(forged).unwrap();
+    let reveal = serde_json::from_value(forged_without_the_last_entry(&scene, &downloaded.reveal)).unwrap();
     let found = |kept: Kept| verify(&reveal, &kept).unwrap().breaches;
     let base = Kept::default;
     assert_eq!(found(base()), [], "nothing but what others kept can show this");
@@ -128,8 +127,7 @@ async fn every_tampering_with_a_reveal_is_found() {
     // Prompts follow from the key, so false ones show from the reveal alone.
     let told = ["asked something else", "has 0 prompts for"];
     for (other, told) in forged_with_other_prompts(&scene, &downloaded.reveal).into_iter().zip(told) {
-        let other: Reveal = serde_json::from_value(other).unwrap();
-        let breaches = verify(&other, &base()).unwrap().breaches;
+        let breaches = verify(&serde_json::from_value(other).unwrap(), &base()).unwrap().breaches;
         assert!(breaches.iter().any(|breach| breach.detail.contains(told)), "{told}: {breaches:?}");
     }
     the_log_is_not_believed_for_being_long(&reveal, &downloaded);

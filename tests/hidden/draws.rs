@@ -171,11 +171,12 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
 async fn a_configuration_has_one_owner_over_all_epochs() {
     let scene = Scene::new(&[]);
     let (lab, rival) = (scene.key("lab"), scene.key("rival"));
-    let made = run(&["epochs", "create", "winter", "--closes", "2100-01-01", "--per-instance", "3"], Some(&scene.file("p.db")));
+    let made = run(
+        &["epochs", "create", "winter", "--closes", "2100-01-01", "--per-instance", "3"],
+        Some(&scene.file("p.db")),
+    );
     assert!(made.status.success(), "{}", said(&made));
-    let new = |configuration: &str, tier: &str| {
-        json!({ "agent": "a", "configuration_sha256": configuration, "tier": tier, "runs": 1 })
-    };
+    let new = |configuration: &str, tier: &str| json!({ "agent": "a", "configuration_sha256": configuration, "tier": tier, "runs": 1 });
     let (autumn, winter) = ("/v1/epochs/autumn/entries", "/v1/epochs/winter/entries");
     scene.made(&lab, autumn, &new(CONFIGURATION, "official")).await;
     scene.refused(&rival, winter, &new(CONFIGURATION, "official"), "configuration-taken").await;

@@ -1,7 +1,7 @@
 //! The raw answer of a language model: which part of it is code, as mindcraft's coder reads it.
 
 use plumbline_engine::intake::text::thinking::without_thoughts;
-use plumbline_engine::text::did_you_mean;
+use plumbline_engine::text::{did_you_mean, line_of};
 use plumbline_engine::voxel::blocks;
 
 /// Marks around code.
@@ -126,7 +126,7 @@ pub fn else_of_check(code: &str) -> Option<usize> {
     code.match_indices(";\n").find_map(|(at, check)| {
         let rest = &code[at + check.len()..];
         let other = rest.trim_start();
-        is_else(other).then(|| 1 + code[..code.len() - other.len()].matches('\n').count())
+        is_else(other).then(|| line_of(code, code.len() - other.len()))
     })
 }
 

@@ -6,7 +6,7 @@ use crate::app::limits::LIMITS;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::thinking::{thoughts_removed, without_thoughts};
 use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, is_other_json, read_answer};
-use plumbline_engine::text::counted;
+use plumbline_engine::text::{counted, line_of};
 use plumbline_engine::voxel::{BlockLog, Profile};
 
 /// Answers found in the texts of a model.
@@ -163,7 +163,7 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
         return Err(NO_LOG.to_owned());
     }
     let code = thoughts_removed(text);
-    let line = code.find("```").map_or(1, |at| 1 + code[..at].matches('\n').count());
+    let line = code.find("```").map_or(1, |at| line_of(&code, at));
     Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
 }
 
@@ -177,8 +177,7 @@ fn is_remark(profile: Profile, text: &str) -> bool {
 fn is_beside_code(text: &str, line: usize) -> bool {
     let (shown, _) = without_thoughts(text);
     let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else { return false };
-    let line_of = |at: usize| 1 + shown[..at].matches('\n').count();
-    let is_outside = line < line_of(first) || line > line_of(last);
+    let is_outside = line < line_of(&shown, first) || line > line_of(&shown, last);
     let fenced = &shown[first..last + FENCE.len()];
     is_outside && read_answer(fenced, LIMITS.log()).is_ok_and(|found| found.kind == AnswerKind::Code)
 }

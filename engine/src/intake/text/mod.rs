@@ -17,6 +17,7 @@ use std::ops::Range;
 use super::LogLimits;
 use super::code::{SentLog, on_its_lines};
 use super::not_json::{message, remedy};
+use crate::text::line_of;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
 use thinking::{closed_without_opening, unclosed, without_thoughts};
@@ -94,10 +95,6 @@ fn other_json(text: &str, fences: &[Fence], json: &json::Scanned) -> Option<Rang
     let alone = text[place.clone()].trim();
     let is_json = alone.starts_with(['{', '[']) && serde_json::from_str::<serde::de::IgnoredAny>(alone).is_ok();
     (is_json && json.logs.is_empty()).then_some(place)
-}
-
-fn line_of(text: &str, at: usize) -> usize {
-    1 + text[..at].matches('\n').count()
 }
 
 /// Returns the contents of the fences of action code: those that call `skills` or, if none does, all of JavaScript.

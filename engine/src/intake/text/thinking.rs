@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use super::{line_of, template};
+use super::template;
+use crate::text::line_of;
 
 /// Names of the tags that enclose thoughts, as in `<think>` and `</think>`, in any letter case.
 const TAGS: [&str; 7] = ["think", "thinking", "thought", "reasoning", "scratchpad", "seed:think", "longcat_think"];
