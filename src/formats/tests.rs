@@ -129,9 +129,10 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 fn files_that_mean_harm_are_refused_with_the_reason() {
     let deep = [&[10, 0, 0, 9, 0, 0][..], &[9, 0, 0, 0, 1].repeat(400_000)].concat();
     let many = root(&[&member(9, "a", &[&[10u8][..], &40_000_000i32.to_be_bytes(), &vec![0; 40_000_000]].concat())]);
-    let schematic = |width: i16, data: &[u8], palette: &[(&str, i32)]| {
+    let versioned = |version: i32, width: i16, data: &[u8], palette: &[(&str, i32)]| {
         let entries: Vec<Vec<u8>> = palette.iter().map(|(name, id)| member(3, name, &id.to_be_bytes())).collect();
         root(&[
+            &member(3, "Version", &version.to_be_bytes()),
             &member(2, "Width", &width.to_be_bytes()),
             &member(2, "Height", &width.to_be_bytes()),
             &member(2, "Length", &width.to_be_bytes()),
@@ -139,6 +140,7 @@ fn files_that_mean_harm_are_refused_with_the_reason() {
             &member(7, "BlockData", &[&(data.len() as i32).to_be_bytes(), data].concat()),
         ])
     };
+    let schematic = |width: i16, data: &[u8], palette: &[(&str, i32)]| versioned(2, width, data, palette);
     let stone = [("minecraft:stone", 0)];
     for (file, reason) in [
         (Vec::new(), "the file is empty"),
@@ -157,6 +159,7 @@ fn files_that_mean_harm_are_refused_with_the_reason() {
         (root(&[&member(10, "Regions", &[0]), &member(3, "Version", &[0, 0, 0, 7])]), "Regions: none"),
         (schematic(-1, &[0], &stone), "a box of 281462092005375 cells; at most 8388608 are read"),
         (schematic(0, &[0], &stone), "Width: 0, expected 1 to 65535"),
+        (versioned(4, 1, &[0], &stone), "Version: 4 of Sponge schematics in this form is not read"),
         (schematic(1, &[], &stone), "the data ends at cell 0 of the 1 cells"),
         (schematic(1, &[0, 0], &stone), "the data goes on after the 1 cells"),
         (schematic(1, &[0xff; 6], &stone), "cell 0: a number of more than five bytes"),
