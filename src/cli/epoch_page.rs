@@ -12,7 +12,7 @@ use plumbline_engine::hidden::reveal::Reveal;
 pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal) -> Vec<String> {
     let commitment = &reveal.commitment;
     let facts = reveal.receipts.iter().flatten().filter_map(|file| fact(file.receipt.as_ref()?));
-    let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).last();
+    let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).next_back();
     let entries = |tier: Tier| reveal.entries.iter().filter(|entry| entry.tier == tier).count();
     let mut expected: Vec<(&str, Value)> = vec![
         ("id", commitment.epoch.clone().into()),

@@ -77,6 +77,9 @@ fn is_of_name(c: char) -> bool {
 mod tests {
     use super::*;
 
+    /// Number of tokens that a text of nothing else has.
+    const MARKS: usize = 300_000;
+
     #[test]
     fn tokens_around_a_message_are_no_part_of_it() {
         for (text, expected) in [
@@ -97,7 +100,6 @@ mod tests {
         ] {
             assert_eq!(&text[message(text)], expected, "{text}");
         }
-        const MARKS: usize = 300_000;
         for token in ENDS.into_iter().chain(LAST).chain(BEGINNINGS).chain(["<|a|>", "<|", "|>", "<"]) {
             for text in [token.repeat(MARKS), format!("a {}", token.repeat(MARKS))] {
                 assert!(message(&text).end <= text.len());
