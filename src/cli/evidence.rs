@@ -38,8 +38,11 @@ pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, protocol: u32
     }
     let mut each = instances.iter().zip(&stated.prompts_sha256);
     let other = each.find(|(instance, hash)| {
-        let prompts = instance["prompts"].as_array().map(Vec::as_slice).unwrap_or_default();
-        **hash != prompts_hash(prompts.iter().map(|prompt| prompt.as_str().unwrap_or_default()))
+        // A copy that leaves them out says nothing else.
+        let prompts = instance["prompts"].as_array();
+        prompts.is_some_and(|prompts| {
+            **hash != prompts_hash(prompts.iter().map(|prompt| prompt.as_str().unwrap_or_default()))
+        })
     });
     other.map(|(instance, _)| format!("it states other prompts for instance {}", instance["id"]))
 }

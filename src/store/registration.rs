@@ -72,7 +72,7 @@ pub struct RegistrationFacts {
     pub own: Vec<EntryRow>,
     /// Runs that the entries of the epoch hold.
     pub holdings: Vec<Holding>,
-    /// Owner who first registered the entry's configuration: in this epoch, in any tier, or officially in another one.
+    /// Owner who first registered the entry's configuration, in any epoch and tier.
     pub configuration_holder: Option<String>,
     /// Time of the decision, in milliseconds since 1970.
     pub now_ms: i64,
@@ -151,12 +151,11 @@ async fn facts_of(tx: &mut Tx, new: &NewEntry<'_>, now_ms: i64) -> StoreResult<R
     let own = own_entries_in(tx, new.epoch_id, new.tier, new.owner).await?;
     let holdings = holdings_in(tx, new.epoch_id).await?;
     let configuration_holder: Option<String> = query_scalar(
-        "SELECT owner FROM entries WHERE configuration_hash = $1 AND (epoch_id = $2 OR (tier = $3 AND owner <> ''))
+        "SELECT owner FROM entries WHERE configuration_hash = $1 AND (epoch_id = $2 OR owner <> '')
          ORDER BY registered_at_ms, id LIMIT 1",
     )
     .bind(new.configuration_hash)
     .bind(new.epoch_id)
-    .bind(Tier::Official.name())
     .fetch_optional(tx)
     .await?;
     Ok(RegistrationFacts { epoch, own, holdings, configuration_holder, now_ms })

@@ -166,7 +166,7 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
     assert!(told.contains("before its committed end, with the reason \"the suite changed\""), "{told}");
 }
 
-/// A configuration that an owner entered officially stays theirs in later epochs; a dev entry takes it for its epoch alone.
+/// A configuration stays with the owner who first entered it, in whatever epoch and tier.
 #[tokio::test]
 async fn a_configuration_has_one_owner_over_all_epochs() {
     let scene = Scene::new(&[]);
@@ -185,5 +185,6 @@ async fn a_configuration_has_one_owner_over_all_epochs() {
     scene.made(&rival, autumn, &new(&other, "dev")).await;
     let third = scene.key("third");
     scene.refused(&third, autumn, &new(&other, "official"), "configuration-taken").await;
-    scene.made(&third, winter, &new(&other, "official")).await;
+    scene.refused(&third, winter, &new(&other, "official"), "configuration-taken").await;
+    scene.made(&rival, winter, &new(&other, "official")).await;
 }

@@ -126,7 +126,7 @@ fn refused(refusal: &RegistrationRefusal, tier: Tier, epoch: &EpochRow) -> AppEr
             AppError::conflict("share-used-up", detail)
         }
         RegistrationRefusal::ConfigurationTaken => {
-            let detail = "another owner entered this configuration before, in this epoch or officially in an earlier one; only one owner may \
+            let detail = "another owner entered this configuration before, in this epoch or another one; only one owner may \
                           enter it";
             AppError::conflict("configuration-taken", detail)
         }

@@ -170,7 +170,7 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
 /// Returns whether a text is taken for code under the profile `mindcraft` only because it names a function that code calls:
 /// it has neither a fence nor a line that is code by itself.
 fn is_remark(profile: Profile, text: &str) -> bool {
-    !profile.is_published() && !text.contains(FENCE) && read_answer(text, LIMITS.log()).is_err()
+    !profile.is_published() && !without_thoughts(text).0.contains(FENCE) && read_answer(text, LIMITS.log()).is_err()
 }
 
 /// Returns whether a line of a text lies outside its fences, and what the fences enclose is action code.

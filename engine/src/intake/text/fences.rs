@@ -46,8 +46,10 @@ fn outermost(text: &str) -> Vec<Fence> {
                     found.push(Fence { language, content: begin..at });
                 }
             }
-            // Models often close a fence at the end of the last line of its content.
-            (Some((opening, language, _)), None) if opening.closes_at_end(line) && language != "markdown" => {
+            // Models often close a fence at the end of the last line of its content; Markdown may end a line with marks of its own.
+            (Some((opening, language, _)), None)
+                if opening.closes_at_end(line) && !matches!(language.as_str(), "markdown" | "md") =>
+            {
                 let marked = line.trim_end();
                 let content = marked.trim_end_matches(opening.sign).len();
                 if let Some((_, language, begin)) = open.take() {

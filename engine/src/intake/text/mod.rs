@@ -7,6 +7,7 @@
 mod bare_code;
 pub mod fences;
 mod json;
+pub mod marks;
 pub mod template;
 pub mod thinking;
 
@@ -67,7 +68,7 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     }
     // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
-        return Err(thought_of(text).unwrap_or_else(|| why_none(&shown, &fences, &json)));
+        return Err(thought_of(text, &shown).unwrap_or_else(|| why_none(&shown, &fences, &json)));
     };
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
@@ -122,12 +123,12 @@ fn code_fences<'t>(
     all.into_iter().filter(move |range| !any_calls || calls_skills(&text[range.clone()]))
 }
 
-/// Explains why nothing is left of a text without its thoughts, or of its end.
-fn thought_of(text: &str) -> Option<String> {
+/// Explains that a text ends within a thought, or that nothing follows its thoughts.
+fn thought_of(text: &str, shown: &str) -> Option<String> {
     if let Some((line, tag)) = unclosed(text) {
         return Some(format!("the answer ends inside a thinking tag that is never closed: {tag} in line {line}"));
     }
-    let (line, tag) = closed_without_opening(text)?;
+    let (line, tag) = closed_without_opening(text).filter(|_| shown.trim().is_empty())?;
     Some(format!("no answer follows {tag} in line {line}, before which everything was taken for thoughts"))
 }
 

@@ -1,7 +1,7 @@
 //! Tokens that a chat template puts around a message, as raw output has them.
 
 /// Tokens after which a message is over, whatever the model went on to write.
-const ENDS: [&str; 10] = [
+pub const ENDS: [&str; 10] = [
     "<|im_end|>",
     "<|eot_id|>",
     "<|eom_id|>",
@@ -25,11 +25,29 @@ const BEGINNINGS: [&str; 2] = ["<start_of_turn>", "<s>"];
 /// Names of the sender between the tokens that begin a message.
 const ROLES: [&str; 2] = ["assistant", "model"];
 
+/// Heads of the messages of a prompt, with the head of the answer to it.
+const PROMPTS: [(&[&str], &str); 3] = [
+    (&["<|im_start|>system", "<|im_start|>user"], "<|im_start|>assistant"),
+    (&["<|start_header_id|>system", "<|start_header_id|>user"], "<|start_header_id|>assistant<|end_header_id|>"),
+    (&["<start_of_turn>user"], "<start_of_turn>model"),
+];
+
+/// Tokens that begin a whole conversation.
+const CONVERSATIONS: [&str; 3] = ["<|begin_of_text|>", "<bos>", "<s>"];
+
+/// Returns where the answer begins in a text that still has its prompt: after the head of its last message.
+#[must_use]
+pub fn after_prompt(text: &str) -> usize {
+    let whole = text.trim_start();
+    let begun = CONVERSATIONS.iter().find_map(|token| whole.strip_prefix(token)).unwrap_or(whole).trim_start();
+    let of_prompt = PROMPTS.iter().find(|(heads, _)| heads.iter().any(|head| begun.starts_with(head)));
+    of_prompt.and_then(|(_, answer)| Some(text.rfind(answer)? + answer.len())).unwrap_or(0)
+}
+
 /// Returns where the message in a text begins and ends, without the tokens around it.
 #[must_use]
 pub fn message(text: &str) -> std::ops::Range<usize> {
-    let end = ENDS.iter().filter_map(|token| text.find(token)).min().unwrap_or(text.len());
-    let end = without_last_tokens(&text[..end]).len();
+    let end = without_last_tokens(text).len();
     beginning(&text[..end])..end
 }
 
@@ -41,7 +59,7 @@ fn beginning(text: &str) -> usize {
         let token = BEGINNINGS.iter().find_map(|token| next.strip_prefix(token)).or_else(|| after_barred(next));
         let Some(after) = token else { return text.len() - rest.len() };
         let role = ROLES.iter().find_map(|role| after.strip_prefix(role));
-        rest = role.filter(|rest| rest.is_empty() || rest.starts_with(['<', '\n'])).unwrap_or(after);
+        rest = role.filter(|rest| rest.is_empty() || rest.starts_with(['<', '\n', ' '])).unwrap_or(after);
     }
 }
 
@@ -61,7 +79,7 @@ fn without_last_tokens(mut text: &str) -> &str {
     };
     loop {
         let rest = text.trim_end();
-        let known = || LAST.iter().find_map(|token| rest.strip_suffix(token)).map(str::len);
+        let known = || LAST.iter().chain(&ENDS).find_map(|token| rest.strip_suffix(token)).map(str::len);
         match barred(rest).or_else(known) {
             Some(length) => text = &rest[..length],
             None => return text,
@@ -83,7 +101,7 @@ mod tests {
     #[test]
     fn tokens_around_a_message_are_no_part_of_it() {
         for (text, expected) in [
-            ("a <|im_end|>\n<|im_start|>user\nb<|im_end|>", "a "),
+            ("a // <|im_end|>\nb<|im_end|>\n", "a // <|im_end|>\nb"),
             ("a</s><|eot_id|>", "a"),
             ("a</s> b", "a</s> b"),
             ("a<｜end▁of▁sentence｜>", "a"),

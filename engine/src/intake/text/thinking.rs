@@ -2,49 +2,16 @@
 
 use std::ops::Range;
 
-use super::template;
+use super::marks::{Bare, Mark, Meaning, bare_channels, marks};
+use super::template::{after_prompt, message};
 use crate::text::line_of;
-
-/// Names of the tags that enclose thoughts, as in `<think>` and `</think>`, in any letter case.
-const TAGS: [&str; 7] = ["think", "thinking", "thought", "reasoning", "scratchpad", "seed:think", "longcat_think"];
-
-/// Length in bytes of the longest tag name.
-const LONGEST: usize = 13;
-
-/// Tokens that enclose thoughts in the raw output of a family of models: the opening one and the closing one.
-const TOKENS: [(&str, &str); 6] = [
-    // Mistral.
-    ("[THINK]", "[/THINK]"),
-    // Kimi.
-    ("◁think▷", "◁/think▷"),
-    // Cohere.
-    ("<|START_THINKING|>", "<|END_THINKING|>"),
-    // OpenThinker.
-    ("<|begin_of_thought|>", "<|end_of_thought|>"),
-    // Apertus.
-    ("<|inner_prefix|>", "<|inner_suffix|>"),
-    // Gemma.
-    ("<|channel>", "<channel|>"),
-];
-
-/// Tokens that begin the answer, so that everything before them is thought.
-const ANSWERS: [&str; 1] = [
-    // Cohere.
-    "<|START_RESPONSE|>",
-];
-
-/// Token of gpt-oss (the Harmony format) that begins the name of a channel. The answer is in the channel `final`.
-const CHANNEL: &str = "<|channel|>";
-/// Token of Harmony between the head of a message and its text.
-const MESSAGE: &str = "<|message|>";
-/// Most bytes of the head of a Harmony message, which may name a recipient and a format.
-const LONGEST_HEAD: usize = 200;
 
 /// Replaces thinking tags, the thoughts between them and the tokens around the message with spaces, which keeps line
 /// numbers and byte offsets, and also returns whether the text ends inside a thought.
 ///
 /// An unclosed tag extends to the end of the text. Everything before a closing tag without an opening one is a thought,
-/// because some templates put the opening tag into the prompt; but not if a thought was closed before.
+/// because some templates put the opening tag into the prompt; but not if a thought was closed before. A token that ends a
+/// message ends the text, unless it stands within a thought.
 #[must_use]
 pub fn without_thoughts(text: &str) -> (String, bool) {
     let Blanked { shown, unclosed, stray: _ } = blanked(text);
@@ -54,57 +21,73 @@ pub fn without_thoughts(text: &str) -> (String, bool) {
 /// A text whose thoughts are blank.
 struct Blanked {
     shown: String,
-    /// The opening tag that is never closed.
-    unclosed: Option<Tag>,
-    /// The last closing tag without an opening one that ends thoughts.
-    stray: Option<Tag>,
+    /// The mark of a thought that never ends.
+    unclosed: Option<Mark>,
+    /// The last mark that ends a thought which no mark began.
+    stray: Option<Mark>,
 }
 
 fn blanked(text: &str) -> Blanked {
     let mut shown = text.as_bytes().to_vec();
     let (begin, mut opened) = match bare_channels(text) {
-        None => (0, None),
+        None => (after_prompt(text), None),
         Some(Bare::Answer(at)) => (at, None),
-        Some(Bare::Thought(tag)) => (text.len(), Some(tag)),
+        Some(Bare::Thought(mark)) => (text.len(), Some(mark)),
     };
-    blank(&mut shown, 0..begin);
+    let mut end = text.len();
     let mut stray = None;
+    // Everything before it is blank.
+    let mut erased = begin;
+    blank(&mut shown, 0..begin);
     // A thought may have held an opening tag, and then ends with the second closing one.
     let (mut is_any_closed, mut is_nested) = (false, false);
-    for tag in tags(text).filter(|tag| tag.begin >= begin) {
-        match (&opened, tag.is_closing) {
-            (None, false) => {
+    for mark in marks(text).filter(|mark| mark.begin >= begin) {
+        match (&opened, mark.meaning) {
+            (None, Meaning::Opens | Meaning::OpensChannel) => {
                 is_nested = false;
-                opened = Some(tag);
+                opened = Some(mark);
             }
-            (Some(open), true) => {
-                blank(&mut shown, open.begin..tag.end);
+            (Some(_), Meaning::Opens) => is_nested = true,
+            (Some(_), Meaning::OpensChannel | Meaning::Ends) => {}
+            (Some(open), Meaning::Closes) => {
+                blank(&mut shown, open.begin..mark.end);
                 is_any_closed = true;
                 opened = None;
             }
-            (None, true) if is_any_closed && !is_nested => blank(&mut shown, tag.begin..tag.end),
-            (None, true) => {
-                blank(&mut shown, 0..tag.end);
+            (None, Meaning::Closes) if is_any_closed && !is_nested => blank(&mut shown, mark.begin..mark.end),
+            (_, Meaning::Closes | Meaning::Answers) => {
+                blank(&mut shown, erased..mark.end);
+                erased = mark.end;
                 (is_any_closed, is_nested) = (true, false);
-                stray = Some(tag);
+                stray = Some(mark);
+                opened = None;
             }
-            (Some(_), false) => is_nested = true,
+            (None, Meaning::Ends) => {
+                end = mark.begin;
+                break;
+            }
         }
     }
     if let Some(open) = &opened {
         blank(&mut shown, open.begin..text.len());
     }
+    blank(&mut shown, end..text.len());
     // Each byte of a blanked character became a space, so the text is still valid UTF-8.
-    let mut shown = String::from_utf8(shown).expect("whole characters are blanked");
-    let message = template::message(&shown);
-    if message != (0..shown.len()) {
-        let mut bytes = shown.into_bytes();
-        let length = bytes.len();
-        blank(&mut bytes, 0..message.start);
-        blank(&mut bytes, message.end..length);
-        shown = String::from_utf8(bytes).expect("whole characters are blanked");
+    let shown = String::from_utf8(shown).expect("whole characters are blanked");
+    Blanked { shown: without_tokens_around(shown), unclosed: opened, stray }
+}
+
+/// Replaces the tokens around the message with spaces.
+fn without_tokens_around(shown: String) -> String {
+    let message = message(&shown);
+    if message == (0..shown.len()) {
+        return shown;
     }
-    Blanked { shown, unclosed: opened, stray }
+    let mut bytes = shown.into_bytes();
+    let length = bytes.len();
+    blank(&mut bytes, 0..message.start);
+    blank(&mut bytes, message.end..length);
+    String::from_utf8(bytes).expect("whole characters are blanked")
 }
 
 /// Replaces what is no line break with spaces.
@@ -135,16 +118,16 @@ pub fn closed_without_opening(text: &str) -> Option<(usize, &str)> {
 pub fn opened_at_the_end(prompt: &str) -> Option<&str> {
     let prompt = prompt.trim_end();
     let last = prompt.rfind(['<', '[', '◁'])?;
-    let tag = tags(&prompt[last..]).next().filter(|tag| tag.begin == 0 && !tag.is_closing)?;
     let opening = &prompt[last..];
-    (tag.end == opening.len()).then_some(opening)
+    let mark = marks(opening).next().filter(|mark| mark.begin == 0 && mark.opens())?;
+    (mark.end == opening.len()).then_some(opening)
 }
 
 /// Returns whether a text begins with a thought.
 #[must_use]
 pub fn begins_with_thought(text: &str) -> bool {
     let begin = text.len() - text.trim_start().len();
-    tags(text).next().is_some_and(|tag| tag.begin == begin && !tag.is_closing)
+    marks(text).next().is_some_and(|mark| mark.begin == begin && mark.opens())
 }
 
 /// Removes thinking tags and the thoughts between them. Lines keep their numbers; what is left of a line with a thought
@@ -166,70 +149,6 @@ pub fn thoughts_removed(text: &str) -> String {
     kept + tag
 }
 
-struct Tag {
-    begin: usize,
-    end: usize,
-    is_closing: bool,
-}
-
-/// Returns the tags and tokens that open or close a thought, in order.
-fn tags(text: &str) -> impl Iterator<Item = Tag> {
-    text.match_indices(['<', '[', '◁']).filter_map(|(begin, _)| {
-        let rest = &text[begin..];
-        let (length, is_closing) = named(rest).or_else(|| token(rest)).or_else(|| channel(rest))?;
-        Some(Tag { begin, end: begin + length, is_closing })
-    })
-}
-
-/// Returns the length of the tag of [`TAGS`] that a text begins with, and whether it closes.
-fn named(text: &str) -> Option<(usize, bool)> {
-    let rest = text.strip_prefix('<')?;
-    let (is_closing, name) = rest.strip_prefix('/').map_or((false, rest), |name| (true, name));
-    let length = name.bytes().take(LONGEST + 1).position(|byte| byte == b'>')?;
-    let is_one = TAGS.iter().any(|tag| name[..length].eq_ignore_ascii_case(tag));
-    is_one.then(|| (text.len() - name.len() + length + 1, is_closing))
-}
-
-/// Returns the length of the token of [`TOKENS`] or [`ANSWERS`] that a text begins with, and whether it closes.
-fn token(text: &str) -> Option<(usize, bool)> {
-    let opening = TOKENS.iter().map(|(opening, _)| (*opening, false));
-    let closing = TOKENS.iter().map(|(_, closing)| *closing).chain(ANSWERS).map(|token| (token, true));
-    let mut tokens = opening.chain(closing);
-    tokens.find_map(|(token, is_closing)| text.starts_with(token).then_some((token.len(), is_closing)))
-}
-
-/// Returns the length of the head of a Harmony message that a text begins with, and whether it closes the thoughts, which
-/// that of the channel `final` does.
-fn channel(text: &str) -> Option<(usize, bool)> {
-    let name = text.strip_prefix(CHANNEL)?;
-    let is_final = name.starts_with("final");
-    let head = name[..name.floor_char_boundary(LONGEST_HEAD)].find(MESSAGE);
-    let length = head.map_or(if is_final { "final".len() } else { 0 }, |length| length + MESSAGE.len());
-    Some((CHANNEL.len() + length, is_final))
-}
-
-/// Harmony output that was decoded without its tokens, which leaves `analysis…assistantfinal…`.
-enum Bare {
-    /// The answer begins here.
-    Answer(usize),
-    /// The output ends in the thoughts, which begin with this tag.
-    Thought(Tag),
-}
-
-/// Returns what a text is if it is Harmony output that was decoded without its tokens.
-fn bare_channels(text: &str) -> Option<Bare> {
-    const ANALYSIS: &str = "analysis";
-    const FINAL: &str = "assistantfinal";
-    let begin = text.len() - text.trim_start().len();
-    let thought = text[begin..].strip_prefix(ANALYSIS)?;
-    if let Some(at) = text.rfind(FINAL) {
-        return Some(Bare::Answer(at + FINAL.len()));
-    }
-    // The first word of the thoughts follows without a space, and has a capital letter.
-    let is_thought = thought.chars().next().is_some_and(|c| c.is_alphabetic() && !c.is_lowercase());
-    is_thought.then(|| Bare::Thought(Tag { begin, end: begin + ANALYSIS.len(), is_closing: false }))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -243,12 +162,25 @@ mod tests {
     #[test]
     fn marks_without_number_are_read_in_one_pass() {
         const MARKS: usize = 300_000;
-        for mark in ["<|im_end|>", "<|channel|>", "<|channel|>final", "<", "◁", "[", "<|", "|>", "</think>", "<think>"]
-        {
+        for mark in [
+            "<think><think></think></think>",
+            "<|channel|>final<|message|>a<think>",
+            "</think><think>a",
+            "<|im_end|>",
+            "<|channel|>",
+            "<|channel|>final",
+            "<",
+            "◁",
+            "[",
+            "<|",
+            "|>",
+            "</think>",
+            "<think>",
+        ] {
             let text = format!("a {}", mark.repeat(MARKS));
             assert_eq!(without_thoughts(&text).0.len(), text.len());
         }
-        let long = format!("<|channel|>analysis{}", "é".repeat(LONGEST_HEAD));
+        let long = format!("<|channel|>analysis{}", "é".repeat(200));
         assert_eq!(shown(&long), (String::new(), true));
     }
 
@@ -281,6 +213,18 @@ mod tests {
             ("b\n```<|im_end|>\n", ("b ```", false)),
             ("b</s><|eot_id|>", ("b", false)),
             ("<think>a</think><|im_start|>assistant\nb<|im_end|>\nc", ("b", false)),
+            ("a<|im_end|>\n<|im_start|>assistant\nb</think>c", ("a", false)),
+            ("a<|im_end|><think>", ("a", false)),
+            ("<think>a<|im_end|></think>b", ("b", false)),
+            (
+                "<|start|>assistant<|channel|>analysis<|message|>a<|end|><|start|>assistant<|channel|>final<|message|>b",
+                ("b", false),
+            ),
+            ("<think>a</think>b<|START_RESPONSE|>c", ("c", false)),
+            (
+                "<|im_start|>system\na<|im_end|>\n<|im_start|>user\nb<|im_end|>\n<|im_start|>assistant\nc<|im_end|>",
+                ("c", false),
+            ),
             ("analysisWe need to build.", ("", true)),
             ("analysis: b", ("analysis: b", false)),
         ] {
