@@ -79,13 +79,15 @@ pub struct Hidden {
     pub epoch: Option<Epoch>,
     pub entries: BTreeMap<String, Entry>,
     pub instances: BTreeMap<String, Instance>,
+    /// Owner who first registered each configuration, in any epoch.
+    holders: BTreeMap<String, &'static str>,
 }
 
 impl Hidden {
     pub fn begin(&mut self, id: &str, now_ms: i64) {
         let closes_at_ms = now_ms + EPOCH_MS;
         let epoch = Epoch { id: id.to_owned(), closes_at_ms, is_closed: false, is_settled: false };
-        *self = Self { epoch: Some(epoch), ..Self::default() };
+        *self = Self { epoch: Some(epoch), holders: std::mem::take(&mut self.holders), ..Self::default() };
     }
 
     pub fn is_over(&self, now_ms: i64) -> bool {
@@ -125,10 +127,11 @@ impl Hidden {
             if let Some(own) = first(&|own| is_own(own)).filter(|own| own.configuration != new.configuration) {
                 return Err(RegistrationRefusal::OtherConfiguration(own.configuration.clone()));
             }
-            if first(&|own| own.configuration == new.configuration).is_some_and(|holder| holder.owner != new.owner) {
+            if self.holders.get(&new.configuration).is_some_and(|holder| *holder != new.owner) {
                 return Err(RegistrationRefusal::ConfigurationTaken);
             }
         }
+        self.holders.entry(new.configuration.clone()).or_insert(new.owner);
         self.entries.insert(id.to_owned(), new);
         Ok(())
     }
