@@ -98,7 +98,7 @@ fn stated<'a>(receipts: &'a [ReceiptFile], found: &mut Verified) -> Stated<'a> {
             }
         };
         if !is_first {
-            found.breach(place(), format!("states {confirmed} once more, which happens only once"));
+            found.breach(place(), format!("states {confirmed} a second time"));
         }
     }
     stated
@@ -356,8 +356,8 @@ fn end(receipts: &[ReceiptFile], commitment: &Commitment, stated: &Stated<'_>, f
     } else if early_ms > 0 {
         let minutes = agreeing((early_ms + 59_999) / 60_000, "minute", "minutes");
         found.remarks.push(format!(
-            "the epoch ended {minutes} before its committed end, with the reason {:?}: who had not answered by then could not \
-             any more",
+            "the epoch ended {minutes} before its committed end, with the reason {:?}: entrants could not answer after \
+             that",
             closed.reason
         ));
     }

@@ -21,7 +21,7 @@ use super::not_json::{message, remedy};
 use crate::text::line_of;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
-use thinking::{closed_without_opening, unclosed, without_thoughts};
+use thinking::{why_nothing_is_left, without_thoughts};
 
 /// The kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,7 +68,7 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     }
     // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
-        return Err(thought_of(text, &shown).unwrap_or_else(|| why_none(&shown, &fences, &json)));
+        return Err(why_nothing_is_left(text).unwrap_or_else(|| why_none(&shown, &fences, &json)));
     };
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
@@ -121,15 +121,6 @@ fn code_fences<'t>(
     let all: Vec<Range<usize>> = fences.iter().filter(is_code).map(|fence| fence.content.clone()).collect();
     let any_calls = all.iter().any(|range| calls_skills(&text[range.clone()]));
     all.into_iter().filter(move |range| !any_calls || calls_skills(&text[range.clone()]))
-}
-
-/// Explains that a text ends within a thought, or that nothing follows its thoughts.
-fn thought_of(text: &str, shown: &str) -> Option<String> {
-    if let Some((line, tag)) = unclosed(text) {
-        return Some(format!("the answer ends inside a thinking tag that is never closed: {tag} in line {line}"));
-    }
-    let (line, tag) = closed_without_opening(text).filter(|_| shown.trim().is_empty())?;
-    Some(format!("no answer follows {tag} in line {line}, before which everything was taken for thoughts"))
 }
 
 fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
@@ -291,7 +282,7 @@ mod tests {
             ),
             (
                 "{\"events\": []}\n</think>",
-                "no answer follows </think> in line 2, before which everything was taken for thoughts",
+                "everything before </think> in line 2 was taken for thoughts, and no answer follows",
             ),
             ("So:\n{\"events\": [{\"action\":", "the JSON that begins on line 2 is incomplete"),
             (

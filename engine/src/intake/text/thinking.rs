@@ -99,18 +99,16 @@ fn blank(bytes: &mut [u8], range: Range<usize>) {
     }
 }
 
-/// Returns the line and the name of the tag that opens a thought which never ends.
+/// Explains that a text ends within a thought, or that nothing follows its thoughts; none if something follows them.
 #[must_use]
-pub fn unclosed(text: &str) -> Option<(usize, &str)> {
-    let tag = blanked(text).unclosed?;
-    Some((line_of(text, tag.begin), &text[tag.begin..tag.end]))
-}
-
-/// Returns the line and the name of the closing tag without an opening one before which everything was taken for thoughts.
-#[must_use]
-pub fn closed_without_opening(text: &str) -> Option<(usize, &str)> {
-    let tag = blanked(text).stray?;
-    Some((line_of(text, tag.begin), &text[tag.begin..tag.end]))
+pub fn why_nothing_is_left(text: &str) -> Option<String> {
+    let Blanked { shown, unclosed, stray } = blanked(text);
+    let told = |mark: Mark| format!("{} in line {}", &text[mark.begin..mark.end], line_of(text, mark.begin));
+    if let Some(open) = unclosed {
+        return Some(format!("the answer ends inside a thinking tag that is never closed: {}", told(open)));
+    }
+    let close = stray.filter(|_| shown.trim().is_empty())?;
+    Some(format!("everything before {} was taken for thoughts, and no answer follows", told(close)))
 }
 
 /// Returns the opening tag at the end of a prompt, which the answer to it goes on from.
@@ -230,9 +228,14 @@ mod tests {
         ] {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
-        assert_eq!(unclosed("a\n<Thinking>b"), Some((2, "<Thinking>")));
-        assert_eq!(closed_without_opening("a\n\nb [/THINK]c"), Some((3, "[/THINK]")));
-        assert_eq!(closed_without_opening("<think>a</think>b</think>"), None);
+        assert!(
+            why_nothing_is_left("a\n<Thinking>b")
+                .is_some_and(|why| why.ends_with("never closed: <Thinking> in line 2"))
+        );
+        assert!(
+            why_nothing_is_left("a\n\nb [/THINK] ").is_some_and(|why| why.contains("before [/THINK] in line 3 was"))
+        );
+        assert_eq!(why_nothing_is_left("a</think>b"), None);
         assert_eq!(opened_at_the_end("user: build\nassistant: <think>\n"), Some("<think>"));
         assert_eq!(opened_at_the_end("<think>plan</think>"), None);
         assert_eq!(opened_at_the_end("<think> a"), None);
