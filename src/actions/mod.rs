@@ -9,6 +9,7 @@
 pub mod child;
 mod compared;
 mod confine;
+mod endless;
 pub mod functions;
 pub mod job;
 mod memory;

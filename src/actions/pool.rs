@@ -3,9 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use quick_cache::sync::Cache;
-use sha2::{Digest as _, Sha256};
-
+use super::endless::Endless;
 use super::job::{Answer, Job, TurnInput};
 use super::replayer::{Outcome, Replayer};
 use super::{ActionLimits, LimitReached, Profile, Replayed};
@@ -44,17 +42,8 @@ struct Inner {
     again: Arc<FairSlots>,
     size: usize,
     limits: ActionLimits,
-    /// Results of scripts that ran out of processor time, by the hash of their job: whoever sends one again, as a trainer
-    /// does whose request took too long, need not wait as long again.
-    endless: Cache<Hash, Answer>,
+    endless: Endless,
 }
-
-/// SHA-256 of a job.
-type Hash = [u8; 32];
-/// Number of results of endless scripts that are kept.
-const MOST_ENDLESS: usize = 4_096;
-/// Greatest number of events of a result that is kept.
-const MOST_KEPT_EVENTS: usize = 100;
 
 impl Pool {
     /// Creates a pool that runs at most `size` first attempts and `size` second ones at the same time, and keeps `size`
@@ -63,7 +52,7 @@ impl Pool {
     pub fn new(size: usize, limits: ActionLimits) -> Self {
         let size = size.max(1);
         let (first, again) = (FairSlots::new(size, size), FairSlots::new(size, size));
-        let endless = Cache::new(MOST_ENDLESS);
+        let endless = Endless::new();
         Self { inner: Arc::new(Inner { ready: Mutex::default(), first, again, size, limits, endless }) }
     }
 
@@ -134,21 +123,18 @@ impl Pool {
             Some(done) if done.stopped().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
             _ => {}
         }
-        let hash: Hash = Sha256::digest(serde_json::to_vec(job)?).into();
-        if let Some(known) = self.inner.endless.get(&hash) {
+        let hash = Endless::hash(job)?;
+        if let Some(known) = self.inner.endless.known(&hash, Instant::now()) {
             return Ok(known);
         }
         let _turn = self.inner.again.take(who).await;
         // The same script may have been run meanwhile.
-        if let Some(known) = self.inner.endless.get(&hash) {
+        if let Some(known) = self.inner.endless.known(&hash, Instant::now()) {
             return Ok(known);
         }
         let done = self.run_timed(job, &all, left).await?;
         let done = done.ok_or(Overloaded { wall_ms: all.wall_ms })?;
-        let events = done.turns.iter().map(|turn| turn.events.len()).sum::<usize>();
-        if done.stopped().is_some_and(|stopped| stopped.limit == "time") && events <= MOST_KEPT_EVENTS {
-            self.inner.endless.insert(hash, done.clone());
-        }
+        self.inner.endless.keep(hash, &done, Instant::now())?;
         Ok(done)
     }
 

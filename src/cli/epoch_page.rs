@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::clock::rfc3339;
 use plumbline_engine::hidden::evidence::{Fact, fact};
 use plumbline_engine::hidden::feedback::Tier;
-use plumbline_engine::hidden::reveal::Reveal;
+use plumbline_engine::hidden::reveal::{Reveal, RevealedInstance};
 
 /// Returns in which members the page of an epoch that is over differs from the reveal and its receipts; `raw` is the reveal
 /// as JSON, which may have members that this program does not know.
@@ -22,6 +22,26 @@ pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal) -> Vec<Str
         ("entries", json!({ "dev": entries(Tier::Dev), "official": entries(Tier::Official) })),
         ("commitment", raw["commitment"].clone()),
     ];
+    let pool = reveal.specifications.len();
+    let (siblings, own): (Vec<_>, Vec<_>) = reveal.instances.iter().partition(|one| one.leaf as usize >= pool);
+    let answered = |all: &[&RevealedInstance]| all.iter().filter(|one| one.log_sha256.is_some()).count();
+    expected.extend([("issued", own.len().into()), ("answered", answered(&own).into())]);
+    if commitment.siblings.is_some() {
+        expected
+            .extend([("siblings_issued", siblings.len().into()), ("siblings_answered", answered(&siblings).into())]);
+    }
+    if let Some(beacon) = &commitment.beacon {
+        expected.push(("registration_closes_at", rfc3339(beacon.emitted_at_ms()).into()));
+        expected.push(("pool", raw["pool"].clone()));
+    }
+    if let Some(rules) = &commitment.rules {
+        expected.extend([
+            ("instance_seconds", rules.instance_seconds.into()),
+            ("dev_entries_per_owner", rules.dev_entries_per_owner.into()),
+            ("official_entries_per_owner", rules.official_entries_per_owner.into()),
+            ("budget_bits", f64::from(rules.budget_bits).into()),
+        ]);
+    }
     if let Some(closed) = closed {
         let early = Some(&closed).filter(|closed| closed.closed_at_ms < commitment.closes_at_ms);
         expected.push(("closed_early_at", early.map(|closed| rfc3339(closed.closed_at_ms)).into()));

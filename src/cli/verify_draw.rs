@@ -11,6 +11,7 @@ use serde_json::Value;
 use super::evidence::{drawn_otherwise, key, read_given};
 use super::files;
 use crate::app::hidden::draws::DrawProof;
+use plumbline_engine::hidden::FIRST_WITH_PROMPTS;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::draw_proof::{DrawMessage, verify};
 use plumbline_engine::hidden::evidence::{Fact, fact};
@@ -109,7 +110,11 @@ enum Receipt {
 
 /// Compares the response to a draw with the receipt in it.
 fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trusted: &[&str]) -> Receipt {
+    let is_whole = response.get("instances").is_some();
     let Some(receipt) = response.get("receipt").filter(|receipt| !receipt.is_null()) else {
+        if is_whole && commitment.protocol() >= FIRST_WITH_PROMPTS {
+            return Receipt::Broken("the response has none, and the protocol of the epoch demands one".to_owned());
+        }
         let why =
             "there is none in the file; save the whole response, which has one since plumbline signs draws at once";
         return Receipt::NotChecked(why.to_owned());
@@ -138,6 +143,10 @@ fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trust
         return Receipt::NotChecked(
             "it states the instances, but not what was asked, which the epoch's protocol did not demand".to_owned(),
         );
+    }
+    let has_prompts = |own: &Value| own["prompts"].is_array();
+    if !response["instances"].as_array().is_some_and(|all| all.iter().all(has_prompts)) {
+        return Receipt::NotChecked("it states these instances, but the file lacks the prompts of some".to_owned());
     }
     Receipt::Holds
 }

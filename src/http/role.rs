@@ -17,7 +17,7 @@ pub enum Role {
 const EVERYWHERE: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Routes of a node that only grades: a path, or all paths under it.
-const GRADING: [&str; 20] = [
+const GRADING: [&str; 21] = [
     "/v1/grade",
     "/v1/grade:structure",
     "/v1/grade:batch",
@@ -26,6 +26,7 @@ const GRADING: [&str; 20] = [
     "/v1/limits",
     "/v1/profiles",
     "/v1/agent-guide",
+    "/v1/blocks",
     "/v1/replay",
     "/seed_session",
     "/verify",

@@ -1,11 +1,12 @@
 //! Keeps background tasks running, and waits for them at the end.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-/// Pause before a task that panicked starts again; doubled each time, up to [`LONGEST_PAUSE`].
+/// Pause before a task that panicked starts again; doubled each time, up to [`LONGEST_PAUSE`], until it runs for longer
+/// than that.
 const PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_mins(5);
 
@@ -33,13 +34,15 @@ impl<S: Clone + Send + 'static> Supervisor<S> {
     ) {
         let (shared, stop) = (self.shared.clone(), self.stop.clone());
         self.tasks.spawn(async move {
-            let mut pause = PAUSE;
+            let (mut pause, mut begun) = (PAUSE, Instant::now());
             while let Err(error) = tokio::spawn(task(shared.clone())).await {
+                pause = if begun.elapsed() > LONGEST_PAUSE { PAUSE } else { pause };
                 tracing::error!(name, %error, "a background task failed and starts again");
                 if stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_none() {
                     return;
                 }
                 pause = (pause * 2).min(LONGEST_PAUSE);
+                begun = Instant::now();
             }
         });
     }

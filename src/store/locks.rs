@@ -18,6 +18,8 @@ pub(super) enum Lock<'a> {
     Request(&'a str, &'a str),
     /// Everything that belongs to an epoch of hidden evaluation.
     Epoch(&'a str),
+    /// A configuration of an agent, which one owner registers in all epochs.
+    Configuration(&'a str),
     /// A run and its submissions.
     Run(&'a str),
     /// The card of a run or an entry.
@@ -40,6 +42,7 @@ impl Lock<'_> {
         match self {
             Self::Request(owner, key) => format!("request {} {owner} {key}", owner.len()),
             Self::Epoch(id) => format!("epoch {id}"),
+            Self::Configuration(hash) => format!("configuration {hash}"),
             Self::Run(id) => format!("run {id}"),
             Self::Card(id) => format!("card {id}"),
             Self::Owner(owner) => format!("owner {owner}"),

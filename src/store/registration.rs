@@ -94,7 +94,12 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<Registered> {
         let mut tx = self.begin().await?;
-        tx.lock(once.map(IdempotencyKey::lock).into_iter().chain([Lock::Epoch(new.epoch_id)])).await?;
+        tx.lock(
+            once.map(IdempotencyKey::lock)
+                .into_iter()
+                .chain([Lock::Epoch(new.epoch_id), Lock::Configuration(new.configuration_hash)]),
+        )
+        .await?;
         if let Some(once) = once {
             match once.before(&mut tx, now_ms).await? {
                 PriorRequest::Never => once.keep(&mut tx, new.id, now_ms).await?,

@@ -32,11 +32,16 @@ fn written(scene: &Scene, name: &str, text: &str) -> String {
 }
 
 /// Changes of the page of the epoch, which nobody signs.
-const CHANGES_OF_THE_PAGE: [Change; 7] = [
+const CHANGES_OF_THE_PAGE: [Change; 12] = [
     ("the end on the page", |it| it["epoch"]["closes_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the opening on the page", |it| it["epoch"]["opens_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the state on the page", |it| it["epoch"]["state"] = json!("open")),
     ("an early end on the page", |it| it["epoch"]["closed_early_at"] = json!("2026-01-01T00:00:00.000Z")),
+    ("instances on the page", |it| it["epoch"]["issued"] = json!(999)),
+    ("answers on the page", |it| it["epoch"]["answered"] = json!(999)),
+    ("a limit on the page", |it| it["epoch"]["official_entries_per_owner"] = json!(99)),
+    ("the time for answers on the page", |it| it["epoch"]["instance_seconds"] = json!(1)),
+    ("the budget on the page", |it| it["epoch"]["budget_bits"] = json!(1)),
     ("a reason on the page", |it| it["epoch"]["closed_reason"] = json!("aliens")),
     ("entries on the page", |it| it["epoch"]["entries"]["official"] = json!(9)),
     ("the commitment on the page", |it| it["epoch"]["commitment"]["owner_percent"] = json!(99)),

@@ -34,7 +34,17 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
         let by_python = Command::new("python3").arg(script).args([&draw, &epoch]).output().unwrap();
         (checked.status.success(), by_python.status.success(), said(&checked) + &said(&by_python))
     };
+    let without = |member: &str| {
+        let mut changed = first.clone();
+        changed.as_object_mut().unwrap().remove(member);
+        changed
+    };
+    let mut unasked = first.clone();
+    unasked["instances"][0]["prompts"] = Value::Null;
+    let (ours, _, told) = said_of(&without("receipt"), &[]);
+    assert!(!ours && told.contains("BROKEN  receipt: the response has none"), "{told}");
     for (draw, of_receipt) in [
+        (&unasked, "NOT CHECKED  receipt: it states these instances, but the file lacks the prompts"),
         (&first, "its receipt states these instances and prompts"),
         (&second, "its receipt states these instances and prompts"),
         (&first["draw"], "NOT CHECKED  receipt: there is none"),
@@ -117,6 +127,13 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
         assert_eq!(refused.status.as_u16(), 403, "{}", refused.text);
     }
     let kept = scene.made(&lab, &path, &draw("a nonce of our own")).await;
+    let at = json!({ "instance": kept["instances"][1]["id"] });
+    assert_eq!(scene.post(&admin, "/v1/episodes", &at).await.status.as_u16(), 403);
+    let episode = id(&scene.made(&lab, "/v1/episodes", &at).await).to_owned();
+    for action in ["steps", "next-turn", "submit"] {
+        let refused = scene.post(&admin, &format!("/v1/episodes/{episode}/{action}"), &json!({ "events": [] })).await;
+        assert_eq!(refused.status.as_u16(), 403, "{action}: {}", refused.text);
+    }
     let answered = scene.post(&admin, &format!("/v1/instances/{}/answer", id(&kept["instances"][0])), &json!({})).await;
     assert_eq!(answered.status.as_u16(), 403, "{}", answered.text);
 

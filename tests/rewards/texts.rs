@@ -118,7 +118,7 @@ async fn what_surrounds_code_explains_why_it_fails() {
         (format!("```js linenums\n{WALL}\n```"), "\"linenums\" on the line of the code fence"),
         (format!("```javascript:build.js\n{WALL}\n```"), "\":build.js\" on the line of the code fence"),
         (format!("I build:\n{WALL}\nDone, I hope it's fine."), "without a code fence (```) the whole answer is read"),
-        (format!("```js\nlog(bot, '<think>');\n{WALL}\n```"), "a thinking tag is opened and never closed"),
+        (format!("```js\nlog(bot, '<think>');\n{WALL}\n```"), "never closed: <think> in line 2"),
         (format!("```js\n{WALL}\0\n```"), "a null character (U+0000)"),
     ] {
         let graded = graded(&service, &answer).await;

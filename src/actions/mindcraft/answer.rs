@@ -1,6 +1,6 @@
 //! The raw answer of a language model: which part of it is code, as mindcraft's coder reads it.
 
-use plumbline_engine::intake::text::thinking::without_thoughts;
+use plumbline_engine::intake::text::thinking::{left_out, without_thoughts};
 use plumbline_engine::text::{did_you_mean, line_of};
 use plumbline_engine::voxel::blocks;
 
@@ -26,18 +26,17 @@ pub struct Reading {
 /// Note on code that fails and stands in no fence.
 const NO_FENCE: &str =
     "without a code fence (```) the whole answer is read as code; put the code, and nothing else, in one fence";
-/// Note on code that a thought without an end cuts off.
-const ENDLESS_THOUGHT: &str = "a thinking tag is opened and never closed; everything after it is left out";
 
 /// Reads an answer: the code is what stands between the first and the last fence, or the whole text if there is none.
 pub fn read(sent: &str) -> Reading {
     let mut notes = Vec::new();
     let (shown, ends_in_thought) = without_thoughts(sent);
     if ends_in_thought {
-        notes.push(ENDLESS_THOUGHT.to_owned());
+        notes.extend(left_out(sent));
     }
+    let left_out = || left_out(sent).filter(|_| !ends_in_thought).map(|why| format!("; {why}")).unwrap_or_default();
     let (Some(first), Some(last)) = (shown.find(FENCE), shown.rfind(FENCE)) else {
-        return Reading { code: shown, notes, if_it_fails: Some(NO_FENCE.to_owned()) };
+        return Reading { code: shown, notes, if_it_fails: Some(format!("{NO_FENCE}{}", left_out())) };
     };
     // A fence may have more than three marks.
     let begin = first + shown[first..].bytes().take_while(|byte| *byte == b'`').count();
@@ -51,7 +50,7 @@ pub fn read(sent: &str) -> Reading {
             return Reading { code: before.to_owned(), notes, if_it_fails: None };
         }
         if !ends_in_thought {
-            notes.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
+            notes.push(format!("the answer ends without a closing fence, so it may be incomplete{}", left_out()));
         }
         shown.len()
     };
@@ -220,7 +219,10 @@ mod tests {
             assert_eq!(read(sent).if_it_fails.as_deref(), told, "{sent}");
         }
         let cut = read("```js\na('<think>');\nb();\n```");
-        assert_eq!((cut.code.trim(), cut.notes), ("a('", vec![ENDLESS_THOUGHT.to_owned()]));
+        let note = "the answer ends inside a thinking tag that is never closed: <think> in line 2";
+        assert_eq!((cut.code.trim(), cut.notes), ("a('", vec![note.to_owned()]));
+        let cut = read("```js\na();\n<|im_end|>\nb();\n```");
+        assert!(cut.notes[0].ends_with("so it may be incomplete; everything after <|im_end|> in line 3 was left out"));
         // What is found in a text keeps the tag.
         let found = thoughts_removed("é\n```js\na();\n```<think>x```");
         assert_eq!((read(&found).code.trim(), read(&found).notes.len()), ("a();", 1));

@@ -8,7 +8,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
-use crate::app::hidden::instances::instance;
+use crate::app::hidden::instances::{instance, require_entrant_of};
 use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::store::episodes::{Attempt, EpisodeRow};
@@ -34,6 +34,7 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
                 faults.add("an instance belongs to its entry; leave suite and run out");
                 return Err(AppError::faulty(faults));
             }
+            require_entrant_of(app, caller, &id).await?;
             let row = instance(app, caller, &id).await?.row;
             if row.submission_id.is_some() {
                 return Err(AppError::conflict("already-answered", "the instance has its answer"));

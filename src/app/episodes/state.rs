@@ -8,7 +8,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::hidden::instances::instance;
+use crate::app::hidden::instances::{instance, require_entrant_of};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::most_blocks;
 use crate::clock::now_ms;
@@ -142,6 +142,18 @@ impl Episode {
         let Attempted { task, prompts, preamble, most_blocks } =
             attempted(app, caller, &row.attempt, stored.track).await?;
         Ok(Self { row, stored, task, prompts, preamble, most_blocks })
+    }
+
+    /// Finds an episode that the caller may go on with: at a hidden instance only the entrant may.
+    ///
+    /// # Errors
+    /// Returns the errors of [`of_caller`](Self::of_caller), and 403 to an operator in an entrant's place.
+    pub async fn to_act_on(app: &App, caller: &Caller, id: &str) -> AppResult<Self> {
+        let episode = Self::of_caller(app, caller, id).await?;
+        if let Attempt::Instance(instance) = &episode.row.attempt {
+            require_entrant_of(app, caller, instance).await?;
+        }
+        Ok(episode)
     }
 
     /// Returns its state.

@@ -65,7 +65,7 @@ pub async fn make_step(
     bytes: &[u8],
     (draft, faults): (Option<NewStep>, Faults),
 ) -> AppResult<Value> {
-    let mut episode = Episode::of_caller(app, caller, id).await?;
+    let mut episode = Episode::to_act_on(app, caller, id).await?;
     let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
     let hash = hash_of("step", bytes);
     if let Some(answer) = episode.repeated(new.step, &hash) {

@@ -32,7 +32,7 @@ pub async fn next_turn(
     bytes: &[u8],
     (draft, faults): (Option<NextTurn>, Faults),
 ) -> AppResult<Episode> {
-    let mut episode = Episode::of_caller(app, caller, id).await?;
+    let mut episode = Episode::to_act_on(app, caller, id).await?;
     let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
     let hash = hash_of("next-turn", bytes);
     if episode.repeated(new.step, &hash).is_some() {
@@ -78,7 +78,7 @@ pub async fn submit(
     id: &str,
     (draft, mut faults): (Option<SubmitEpisode>, Faults),
 ) -> AppResult<Submitted> {
-    let episode = Episode::of_caller(app, caller, id).await?;
+    let episode = Episode::to_act_on(app, caller, id).await?;
     let Some(new) = draft.filter(|_| faults.is_empty()) else { return Err(AppError::faulty(faults)) };
     if new.transcript_sha256.is_some() && episode.task.is_some() {
         faults.add_at("transcript_sha256", "only the answer to a hidden instance promises a transcript");

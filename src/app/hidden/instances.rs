@@ -100,6 +100,14 @@ pub async fn instance(app: &App, caller: &Caller, id: &str) -> AppResult<IssuedI
     with_prompts(app, row).await
 }
 
+/// Checks that the caller is the entrant of an instance, who alone may act on it.
+///
+/// # Errors
+/// Returns 404 if there is no such instance, and 403 if it belongs to another owner.
+pub async fn require_entrant_of(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
+    own_instance(app, caller, id, require_entrant).await.map(|_| ())
+}
+
 /// Answers an instance with one log.
 ///
 /// # Errors

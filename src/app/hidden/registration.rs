@@ -34,10 +34,10 @@ pub fn decide_registration(new: &NewEntry<'_>, facts: &RegistrationFacts) -> Res
     if new.tier == Tier::Dev {
         return Ok(());
     }
-    if let Some(first) = own.first()
-        && (first.agent != new.agent || first.configuration_hash != new.configuration_hash)
-    {
-        return Err(RegistrationRefusal::OtherConfiguration(first.agent.clone()));
+    if let Some(first) = own.first() {
+        // Whoever has it in this epoch keeps it: earlier programs let two owners register it.
+        let is_same = first.agent == new.agent && first.configuration_hash == new.configuration_hash;
+        return if is_same { Ok(()) } else { Err(RegistrationRefusal::OtherConfiguration(first.agent.clone())) };
     }
     // An owner with two names would have twice the attempts with one agent. The owner who first registered a
     // configuration keeps it, because its hash may be read on a board.
@@ -117,7 +117,8 @@ mod tests {
             (Official, Some(("agent", "another")), None, other_configuration()),
             (Official, None, Some("a"), Ok(())),
             (Official, None, Some("b"), taken()),
-            (Official, Some(("agent", "configuration")), Some("b"), taken()),
+            // An earlier program let both register it.
+            (Official, Some(("agent", "configuration")), Some("b"), Ok(())),
             // The dev tier takes any configuration.
             (Dev, Some(("agent 2", "another")), None, Ok(())),
             (Dev, None, Some("b"), Ok(())),

@@ -157,18 +157,18 @@ impl Grader {
         })
     }
 
-    /// Takes a slot for a log that is graded or waits.
+    /// Takes a permit for a log that is graded or waits.
     ///
     /// # Errors
-    /// Returns 429 at once if no slot is free.
+    /// Returns 429 at once if all permits are taken.
     pub fn admit(&self, who: &Arc<str>) -> AppResult<Permit> {
         admitted(&self.waiting, who, "logs")
     }
 
-    /// Takes a slot for a whole batch.
+    /// Takes a permit for a whole batch.
     ///
     /// # Errors
-    /// Returns 429 at once if no slot is free.
+    /// Returns 429 at once if all permits are taken.
     pub fn admit_batch(&self, who: &Arc<str>) -> AppResult<Permit> {
         admitted(&self.batches, who, "batches")
     }
@@ -192,8 +192,8 @@ impl Grader {
             Lane::Short => &self.short,
             Lane::Long => &self.long,
         };
-        let turn = tokio::time::timeout_at(wait.into(), threads.slots.take(who)).await;
-        let Ok(slot) = turn else { return Err(too_late()) };
+        let slot = tokio::time::timeout_at(wait.into(), threads.slots.take(who)).await;
+        let Ok(slot) = slot else { return Err(too_late()) };
         if deadline.wait.is_some() {
             until.deadline = Instant::now() + deadline.work;
         }
@@ -357,10 +357,10 @@ pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
     tracing::error!("work for a request panicked");
 }
 
-fn admitted(places: &Arc<PermitPool>, who: &Arc<str>, what: &str) -> AppResult<Permit> {
-    places.take(who).map_err(|no_place| {
+fn admitted(permits: &Arc<PermitPool>, who: &Arc<str>, what: &str) -> AppResult<Permit> {
+    permits.take(who).map_err(|none| {
         metrics::counter!("plumbline_grade_refused_total").increment(1);
-        AppError::too_many(match no_place {
+        AppError::too_many(match none {
             NoPermit::All => format!("many {what} are being graded; come back in a moment"),
             NoPermit::Own => format!("many {what} of yours are being graded; come back in a moment"),
         })

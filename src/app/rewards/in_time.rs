@@ -21,8 +21,9 @@ pub async fn code_in_time<T>(asked: Option<Duration>, running: impl Future<Outpu
     // The code runner says more about its own deadline, so it gets a second's head start.
     let most = asked.map_or(CODE_WITHIN, |asked| (asked + Duration::from_secs(1)).min(CODE_WITHIN));
     tokio::time::timeout(most, running).await.unwrap_or_else(|_late| match asked {
-        Some(_) => {
-            let detail = format!("The deadline passed while {WHAT}, for {} s.", most.as_secs_f64());
+        Some(asked) => {
+            let most = asked.min(CODE_WITHIN);
+            let detail = format!("The deadline of {} s passed while {WHAT}.", most.as_secs_f64());
             Err(AppError::new(Kind::Deadline, detail).retry_after(1))
         }
         None => Err(busy(WHAT, most)),

@@ -110,7 +110,9 @@ pub struct DeliveriesQuery {
     limit: Option<u32>,
 }
 
-/// Lists the deliveries of a webhook. Those that were made are kept for a week, those that were given up for a month.
+/// Lists the deliveries of a webhook.
+///
+/// Those that were made are kept for a week, those that were given up for a month.
 #[utoipa::path(
     get, path = "/v1/webhooks/{id}/deliveries", operation_id = "list_deliveries", tag = "webhooks",
     summary = "List deliveries",
@@ -136,7 +138,9 @@ pub async fn list_deliveries(
     Ok(Json(DeliveryPage { deliveries: page.items.into_iter().map(DeliveryBody::from).collect(), next_before }))
 }
 
-/// Posts a message of type `webhook.test` to a webhook, to try it out.
+/// Tries a webhook out.
+///
+/// The service posts a message of type `webhook.test` to it.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/test", operation_id = "test_webhook", tag = "webhooks",
     summary = "Try a webhook out",
@@ -155,8 +159,9 @@ pub async fn test_webhook(
     Ok((StatusCode::ACCEPTED, Json(manage::try_out(&state, &caller, &id).await?.into())))
 }
 
-/// Delivers a message again that was delivered or given up, or tries a pending one at once. Message and identifier stay
-/// the same.
+/// Delivers a message again.
+///
+/// It may be one that was delivered or given up; a pending one is tried at once. Message and identifier stay the same.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/deliveries/{delivery}/retry", operation_id = "retry_delivery", tag = "webhooks",
     summary = "Deliver again",

@@ -41,9 +41,11 @@ pub struct EventsQuery {
     after: Option<i64>,
 }
 
-/// Streams a server-sent event for each submission or run that ends. Events have identifiers, so a client that
-/// reconnects with `Last-Event-ID` misses none. Without `run` or `submission` the stream starts with the next event.
-/// With one of them it starts at the beginning of that run or submission, and closes when it has ended.
+/// Streams events.
+///
+/// A server-sent event tells of each submission or run that ends. Events have identifiers, so a client that reconnects
+/// with `Last-Event-ID` misses none. Without `run` or `submission` the stream starts with the next event. With one of
+/// them it starts at the beginning of that run or submission, and closes when it has ended.
 #[utoipa::path(
     get, path = "/v1/events", operation_id = "get_events", tag = "submissions", summary = "Follow events",
     params(EventsQuery, ("Last-Event-ID" = Option<i64>, Header, description = "Id of the last event received")),

@@ -127,9 +127,10 @@ impl From<QuotaPage> for QuotaBody {
     }
 }
 
-/// Returns the quota of the caller's owner and its ledger. A submission is reserved when it is accepted, charged when
-/// its report is released, and refunded if it ends without a report because of any failure or a cancellation.
-/// `/v1/grade` and `/v1/validate` are not counted.
+/// Returns the quota of the caller's owner and its ledger.
+///
+/// A submission is reserved when it is accepted, charged when its report is released, and refunded if it ends without
+/// a report because of any failure or a cancellation. `/v1/grade` and `/v1/validate` are not counted.
 #[utoipa::path(
     get, path = "/v1/quota", operation_id = "get_quota", tag = "service", summary = "Get a quota",
     security(("key" = [])),

@@ -87,7 +87,9 @@ impl From<Team> for TeamBody {
     }
 }
 
-/// Returns the team of the caller's owner: its members, and the live keys of all.
+/// Returns the team of the caller's owner.
+///
+/// It has its members, and the live keys of all.
 #[utoipa::path(
     get, path = "/v1/team", operation_id = "get_team", tag = "service", summary = "Get a team",
     security(("key" = [])),
@@ -102,8 +104,9 @@ pub async fn get_team(State(state): State<AppState>, caller: Caller) -> AppResul
     Ok(Json(team::team(&state, &caller).await?.into()))
 }
 
-/// Adds a member to the team, or changes its role, which holds for its keys at once. The caller's key must be the
-/// owner's own, or a manager's.
+/// Adds a member to the team, or changes its role.
+///
+/// A role holds for the member's keys at once. The caller's key must be the owner's own, or a manager's.
 #[utoipa::path(
     put, path = "/v1/team/members/{name}", operation_id = "put_member", tag = "service",
     summary = "Add a member, or change its role",
@@ -131,8 +134,9 @@ pub async fn put_member(
     Ok((status, Json(team::team(&state, &caller).await?.into())))
 }
 
-/// Removes a member from the team; its keys are revoked, and the service rejects them within half a second. What they
-/// sent stays the owner's.
+/// Removes a member from the team.
+///
+/// Its keys are revoked, and the service rejects them within half a second. What they sent stays the owner's.
 #[utoipa::path(
     delete, path = "/v1/team/members/{name}", operation_id = "remove_member", tag = "service",
     summary = "Remove a member",
@@ -161,8 +165,10 @@ pub struct CreatedKeyBody {
     pub about: KeyBody,
 }
 
-/// Creates a key of a member. A member may create keys of its own; the owner's own keys and managers those of everyone.
-/// The key of the request needs the scope `submit`. A new key has no scope that it lacks, and does not outlive it.
+/// Creates a key of a member.
+///
+/// A member may create keys of its own; the owner's own keys and managers those of everyone. The key of the request
+/// needs the scope `submit`. A new key has no scope that it lacks, and does not outlive it.
 #[utoipa::path(
     post, path = "/v1/team/members/{name}/keys", operation_id = "create_member_key", tag = "service",
     summary = "Create a key of a member",
@@ -190,7 +196,9 @@ pub async fn create_member_key(
     Ok((StatusCode::CREATED, Json(CreatedKeyBody { key, about: KeyBody::from(&row) })))
 }
 
-/// Revokes a key of the team; the service rejects it within half a second. A member may revoke keys of its own.
+/// Revokes a key of the team.
+///
+/// The service rejects it within half a second. A member may revoke keys of its own.
 #[utoipa::path(
     delete, path = "/v1/team/keys/{id}", operation_id = "revoke_team_key", tag = "service", summary = "Revoke a key",
     params(("id" = String, Path, description = "Public part of the key", example = "1f0c2d3e4b5a")),

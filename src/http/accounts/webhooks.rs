@@ -69,14 +69,16 @@ impl WebhookBody {
     }
 }
 
-/// Creates a webhook: from now on, the service posts each event of the owner's runs and submissions to its URL, by the
-/// convention of Standard Webhooks. The caller's key must be the owner's own, or a manager's.
+/// Creates a webhook.
+///
+/// From now on, the service posts each event of the owner's runs and submissions to its URL, by the convention of
+/// Standard Webhooks. The caller's key must be the owner's own, or a manager's.
 ///
 /// A message is a JSON object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers are
-/// `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An endpoint that answers
-/// with a status from 200 to 299 has received it. After any other answer, or none, the service tries again, ten times
-/// within three and a half days by default, and then keeps the message as dead. 410 disables the webhook. Redirects are
-/// not followed.
+/// `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An endpoint that
+/// answers with a status from 200 to 299 has received it. After any other answer, or none, the service tries again,
+/// ten times within three and a half days by default, and then keeps the message as dead. 410 disables the webhook.
+/// Redirects are not followed.
 #[utoipa::path(
     post, path = "/v1/webhooks", operation_id = "create_webhook", tag = "webhooks", summary = "Create a webhook",
     request_body(content = NewWebhookBody, content_type = "application/json"),
@@ -101,6 +103,8 @@ pub async fn create_webhook(
 }
 
 /// Lists the webhooks of the caller's owner.
+///
+/// Secrets are not shown.
 #[utoipa::path(
     get, path = "/v1/webhooks", operation_id = "list_webhooks", tag = "webhooks", summary = "List webhooks",
     security(("key" = [])),
@@ -116,6 +120,8 @@ pub async fn list_webhooks(State(state): State<AppState>, caller: Caller) -> App
 }
 
 /// Returns a webhook.
+///
+/// Its secret is not shown.
 #[utoipa::path(
     get, path = "/v1/webhooks/{id}", operation_id = "get_webhook", tag = "webhooks", summary = "Get a webhook",
     security(("key" = [])),
@@ -136,7 +142,9 @@ pub async fn get_webhook(
     Ok(Json(manage::own(&state, &caller, &id).await?.into()))
 }
 
-/// Changes a webhook: its URL, its events, and whether it is enabled. What is left out stays as it is.
+/// Changes a webhook.
+///
+/// The body may have a URL, events, and whether it is enabled. What is left out stays as it is.
 #[utoipa::path(
     put, path = "/v1/webhooks/{id}", operation_id = "put_webhook", tag = "webhooks", summary = "Change a webhook",
     params(("id" = String, Path, description = "The webhook's id")),
@@ -158,7 +166,9 @@ pub async fn put_webhook(
     Ok(Json(manage::change(&state, &caller, &id, draft, faults).await?.into()))
 }
 
-/// Deletes a webhook with its deliveries.
+/// Deletes a webhook.
+///
+/// Its deliveries are deleted too.
 #[utoipa::path(
     delete, path = "/v1/webhooks/{id}", operation_id = "delete_webhook", tag = "webhooks", summary = "Delete a webhook",
     params(("id" = String, Path, description = "The webhook's id")),
@@ -176,7 +186,9 @@ pub async fn delete_webhook(
     Ok(Json(manage::delete(&state, &caller, &id).await?.into()))
 }
 
-/// Gives a webhook a new secret. For a day, the one before signs too, so that no message fails meanwhile.
+/// Gives a webhook a new secret.
+///
+/// For a day, the one before signs too, so that no message fails meanwhile.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/secret", operation_id = "change_webhook_secret", tag = "webhooks",
     summary = "Change the secret of a webhook",

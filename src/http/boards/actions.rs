@@ -85,8 +85,10 @@ pub struct BoardActions {
     pub actions: Vec<BoardAction>,
 }
 
-/// Lists every action on rows of this board, with its actor and reason: hiding, restoring and regrading by the
-/// operator, withdrawals by owners, and the end of embargoes. The record is permanent.
+/// Lists every action on rows of a board.
+///
+/// Each comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by owners, and
+/// the end of embargoes. The record is permanent.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",
     summary = "List actions on rows",
@@ -115,8 +117,9 @@ pub struct NewBoardAction {
     reason: String,
 }
 
-/// Hides a finished run from its board, or shows it again. Requires the scope `admin`; the actor and the reason are
-/// public and permanent.
+/// Hides a finished run from its board, or shows it again.
+///
+/// Requires the scope `admin`; the actor and the reason are public and permanent.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/board-actions", operation_id = "create_board_action", tag = "leaderboards",
     summary = "Hide or restore a run",
@@ -209,7 +212,9 @@ impl Entry {
     }
 }
 
-/// Returns the news of a board as an Atom feed: finished runs and actions on rows.
+/// Returns the news of a board as an Atom feed.
+///
+/// News are finished runs and actions on rows.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/feed.atom", operation_id = "get_board_feed", tag = "leaderboards",
     summary = "Follow a board (Atom)",

@@ -64,7 +64,9 @@ impl From<breakdown::Breakdown> for Breakdown {
     }
 }
 
-/// Returns the rates of the best runs, or of one run, by family, category, type, wording or criterion of the tasks.
+/// Returns rates by group of tasks.
+///
+/// They are those of the best runs, or of one run, by family, category, type, wording or criterion of the tasks.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/breakdown", operation_id = "get_breakdown", tag = "leaderboards",
     summary = "Get rates by group of tasks",
@@ -165,7 +167,9 @@ impl From<&Standing> for Compared {
     }
 }
 
-/// Compares two runs: lists the problems that only one of them solves, and tests whether the difference may be chance.
+/// Compares two runs.
+///
+/// The response lists the problems that only one of them solves, and says whether the difference may be chance.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/compare", operation_id = "get_comparison", tag = "leaderboards",
     summary = "Compare two runs",

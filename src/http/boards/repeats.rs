@@ -101,9 +101,11 @@ impl From<Group> for RepeatGroup {
     }
 }
 
-/// Returns the repeats on a board: finished runs of one owner, agent, track and profile whose cards declare the same
-/// `configuration_sha256`. Runs that their owner withdrew are counted in `withdrawn` alone, and runs under embargo belong to
-/// no group. Each group has the mean and the spread of its runs, and pass^k: the rate of problems that k of
+/// Returns the repeats on a board.
+///
+/// Repeats are finished runs of one owner, agent, track and profile whose cards declare the same
+/// `configuration_sha256`. Runs that their owner withdrew are counted in `withdrawn` alone, and runs under embargo
+/// belong to no group. Each group has the mean and the spread of its runs, and pass^k: the rate of problems that k of
 /// its runs all solve. Runs that cover too little of the suite belong to no group.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/repeats", operation_id = "get_repeats", tag = "leaderboards",

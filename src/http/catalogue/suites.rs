@@ -125,7 +125,9 @@ impl SuiteBody {
     }
 }
 
-/// Lists all suites for which runs can be created.
+/// Lists all suites.
+///
+/// Runs can be created for each of them.
 #[utoipa::path(
     get, path = "/v1/suites", operation_id = "list_suites", tag = "tasks", summary = "List suites",
     responses(
@@ -138,7 +140,9 @@ pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteL
     Ok(Json(SuiteList { suites: catalogue.suites().iter().map(|entry| SuiteBody::of(&entry.suite)).collect() }))
 }
 
-/// Returns a suite; for a Lite suite, optionally the draw with another seed.
+/// Returns a suite.
+///
+/// A Lite suite can be drawn with another `seed`.
 #[utoipa::path(
     get, path = "/v1/suites/{suite}", operation_id = "get_suite", tag = "tasks", summary = "Get a suite",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), DrawQuery),

@@ -135,7 +135,9 @@ impl From<Episode> for EpisodeBody {
     }
 }
 
-/// Opens an episode: an attempt at a task or hidden instance, turn by turn, in a world that the service keeps. It is an
+/// Opens an episode.
+///
+/// An episode is an attempt at a task or hidden instance, turn by turn, in a world that the service keeps. It is an
 /// ordinary submission or answer once it is submitted. Episodes survive a restart of the service, and belong to the
 /// owner of the key.
 #[utoipa::path(
@@ -157,7 +159,9 @@ pub async fn open_episode(State(state): State<AppState>, caller: Caller, body: J
     Ok((StatusCode::CREATED, headers, Json(episode)).into_response())
 }
 
-/// Returns an episode: its state, the instruction of the turn, and where the body stands.
+/// Returns an episode.
+///
+/// It has its state, the instruction of the turn, and where the body stands.
 #[utoipa::path(
     get, path = "/v1/episodes/{id}", operation_id = "get_episode", tag = "episodes", summary = "Get an episode",
     params(("id" = String, Path, description = "The episode's id")),
@@ -188,8 +192,10 @@ pub struct EpisodeSubmitted {
     pub answer: Option<AnswerTaken>,
 }
 
-/// Submits what was built, to be graded. Turns that were not begun are empty. Submitting again gives the same response.
-/// The body is optional.
+/// Submits an episode.
+///
+/// What was built is graded. Turns that were not begun are empty. Submitting again gives the same response. The body
+/// is optional.
 #[utoipa::path(
     post, path = "/v1/episodes/{id}/submit", operation_id = "submit_episode", tag = "episodes", summary = "Submit an episode",
     params(("id" = String, Path, description = "The episode's id")),

@@ -15,11 +15,14 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Runs code, or applies events, in the world as it stands, and returns what happened. An error in the code is no error
-/// of the request: what was built before it stands. A step that reaches a limit is refused and changes nothing.
+/// Makes a step.
 ///
-/// With `step`, the number of the step, a request may be repeated: the step is made once, and the last answer is given
-/// again.
+/// The service runs code, or applies events, in the world as it stands, and returns what happened. An error in the
+/// code is not an error of the request: what was built before it stays. A step that reaches a limit is refused and
+/// changes nothing.
+///
+/// With `step`, the number of the step, a request may be repeated: the step is made once, and the last response is
+/// given again.
 #[utoipa::path(
     post, path = "/v1/episodes/{id}/steps", operation_id = "step_episode", tag = "episodes", summary = "Make a step",
     params(("id" = String, Path, description = "The episode's id")),
@@ -44,7 +47,9 @@ pub async fn step_episode(
     Ok(Json(make_step(&state, &caller, &id, &body.bytes, draft).await?))
 }
 
-/// Goes on to the next turn and returns its instruction. It counts as a step. The body is optional.
+/// Goes on to the next turn.
+///
+/// The response has its instruction. This counts as a step. The body is optional.
 #[utoipa::path(
     post, path = "/v1/episodes/{id}/next-turn", operation_id = "next_turn", tag = "episodes", summary = "Go on to the next turn",
     params(("id" = String, Path, description = "The episode's id")),

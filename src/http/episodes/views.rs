@@ -31,7 +31,9 @@ pub struct ViewQuery {
     to: String,
 }
 
-/// Returns the blocks of a box of the world, ground included.
+/// Returns the blocks of a box of the world.
+///
+/// The ground is included.
 #[utoipa::path(
     get, path = "/v1/episodes/{id}/view", operation_id = "view_episode", tag = "episodes", summary = "View a box of the world",
     params(("id" = String, Path, description = "The episode's id"), ViewQuery),
@@ -72,8 +74,10 @@ pub struct PictureQuery {
     from: Corner,
 }
 
-/// Draws what was built, seen from above and from a corner, for agents that see. From the south-east, x grows to the
-/// lower right and z to the lower left.
+/// Draws what was built.
+///
+/// The picture shows it from above and from a corner, for agents that see. From the south-east, x grows to the lower
+/// right and z to the lower left.
 #[utoipa::path(
     get, path = "/v1/episodes/{id}/picture", operation_id = "picture_episode", tag = "episodes", summary = "Draw what was built",
     params(("id" = String, Path, description = "The episode's id"), PictureQuery),

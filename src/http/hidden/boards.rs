@@ -49,8 +49,10 @@ impl From<TierBoard> for EpochBoard {
     }
 }
 
-/// Returns the board of one tier of an epoch. The official board pools all entries of an owner, counts unanswered
-/// instances as failed, and is released after the epoch has closed. The Ladder updates the dev board.
+/// Returns the board of one tier of an epoch.
+///
+/// The official board pools all entries of an owner, counts unanswered instances as failed, and is released after the
+/// epoch has closed. The Ladder updates the dev board.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/leaderboard", operation_id = "get_epoch_leaderboard", tag = "hidden evaluation",
     summary = "Get an epoch's board",

@@ -29,8 +29,10 @@ pub struct InstanceList {
     pub receipt: Option<GivenReceipt>,
 }
 
-/// Draws the instances of a run. Repeating the request with the same nonce returns the same instances; a different
-/// nonce is rejected. Each instance must be answered with one log before it expires.
+/// Draws the instances of a run.
+///
+/// Repeating the request with the same nonce returns the same instances; a different nonce is rejected. Each instance
+/// must be answered with one log before it expires.
 #[utoipa::path(
     post, path = "/v1/entries/{id}/instances", operation_id = "create_instances", tag = "hidden evaluation",
     summary = "Draw a run's instances",

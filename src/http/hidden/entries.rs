@@ -94,8 +94,10 @@ impl From<EntryStatus> for EntryBody {
     }
 }
 
-/// Registers an entry before any instance is seen: the evaluated agent, its configuration and the number of runs. All
-/// official entries of an owner in an epoch must have the same agent and configuration; they are pooled.
+/// Registers an entry.
+///
+/// An entry is registered before any instance is seen. It fixes the evaluated agent, its configuration and the number
+/// of runs. All official entries of an owner in an epoch must have the same agent and configuration; they are pooled.
 #[utoipa::path(
     post, path = "/v1/epochs/{epoch}/entries", operation_id = "create_entry", tag = "hidden evaluation",
     summary = "Register an entry",
@@ -130,7 +132,9 @@ pub async fn create_entry(
     Ok(response)
 }
 
-/// Returns an entry with its state and, as far as it is released, its result.
+/// Returns an entry.
+///
+/// It has its state and, as far as it is released, its result.
 #[utoipa::path(
     get, path = "/v1/entries/{id}", operation_id = "get_entry", tag = "hidden evaluation", summary = "Get an entry",
     params(("id" = String, Path, description = "The entry's id")),
@@ -143,8 +147,10 @@ pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) ->
     Ok(Json(entries::entry(&state, &id).await?.into()))
 }
 
-/// Finalizes an entry, which then takes no more answers. Unanswered instances and runs that were not drawn count as
-/// failed. This cannot be undone.
+/// Finalizes an entry.
+///
+/// It then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This cannot be
+/// undone.
 #[utoipa::path(
     post, path = "/v1/entries/{id}/finalize", operation_id = "finalize_entry", tag = "hidden evaluation",
     summary = "Finalize an entry",

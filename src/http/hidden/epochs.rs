@@ -153,7 +153,9 @@ impl From<EpochStatus> for EpochBody {
     }
 }
 
-/// Lists all epochs with their commitments.
+/// Lists all epochs.
+///
+/// Each comes with its commitments.
 #[utoipa::path(
     get, path = "/v1/epochs", operation_id = "list_epochs", tag = "hidden evaluation", summary = "List epochs",
     responses(
@@ -165,7 +167,9 @@ pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochL
     Ok(Json(EpochList { epochs }))
 }
 
-/// Returns an epoch with its commitment, rules and current state.
+/// Returns an epoch.
+///
+/// It has its commitment, its rules and its current state.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}", operation_id = "get_epoch", tag = "hidden evaluation", summary = "Get an epoch",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
@@ -178,8 +182,10 @@ pub async fn get_epoch(State(state): State<AppState>, Path(epoch): Path<String>)
     Ok(Json(epochs::epoch(&state, &epoch).await?.into()))
 }
 
-/// Takes the round of the beacon that an epoch is bound to, and makes its pool. Anybody may bring it, without a key:
-/// the round is public, and its signature says that it is the right one. Repeating the request changes nothing.
+/// Takes the round of a beacon.
+///
+/// The epoch that is bound to it gets its pool. Anybody may bring the round, without a key: it is public, and its
+/// signature says that it is the right one. Repeating the request changes nothing.
 #[utoipa::path(
     post, path = "/v1/epochs/{epoch}/beacon", operation_id = "create_epoch_pool", tag = "hidden evaluation",
     summary = "Bring a beacon's round",
@@ -200,7 +206,9 @@ pub async fn create_epoch_pool(
     Ok(Json(take_round(&state, &epoch, draft, faults, now_ms()).await?.into()))
 }
 
-/// Returns everything that a closed epoch kept secret: key, salts, specifications, entries, draws and grades.
+/// Reveals a closed epoch.
+///
+/// The response has everything that the epoch kept secret: key, salts, specifications, entries, draws and grades.
 /// `plumbline verify-epoch` recomputes everything from the key and compares.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/reveal", operation_id = "get_epoch_reveal", tag = "hidden evaluation",
@@ -223,7 +231,9 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
     Ok((json, text).into_response())
 }
 
-/// Returns the logs that answered a closed epoch's instances, one per line. `plumbline verify-epoch` grades them again.
+/// Returns the answers of a closed epoch.
+///
+/// They are the logs that answered its instances, one per line. `plumbline verify-epoch` grades them again.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/answers", operation_id = "get_epoch_answers", tag = "hidden evaluation",
     summary = "Download a closed epoch's answers",

@@ -66,7 +66,9 @@ impl From<IssuedInstance> for InstanceBody {
     }
 }
 
-/// Returns an instance. Requires a key of its owner.
+/// Returns an instance.
+///
+/// This needs a key of its owner.
 #[utoipa::path(
     get, path = "/v1/instances/{id}", operation_id = "get_instance", tag = "hidden evaluation", summary = "Get an instance",
     params(("id" = String, Path, description = "The instance's id")),
@@ -114,8 +116,10 @@ impl AnswerTaken {
     }
 }
 
-/// Answers an instance with one log. Format errors are reported in full and cost nothing. Once a log is accepted, a
-/// different log is rejected.
+/// Answers an instance.
+///
+/// One log is the answer. Format errors are reported in full and cost nothing. Once a log is accepted, a different log
+/// is rejected.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/answer", operation_id = "answer_instance", tag = "hidden evaluation",
     summary = "Answer an instance",
@@ -138,8 +142,10 @@ pub async fn answer_instance(
     Ok((StatusCode::ACCEPTED, Json(AnswerTaken::of(id, answer))).into_response())
 }
 
-/// Checks the transcript that was promised with an answer, while the epoch is open. The service compares its SHA-256
-/// and stores nothing of it.
+/// Checks a promised transcript.
+///
+/// It was promised with an answer, and can be shown while the epoch is open. The service compares its SHA-256 and
+/// stores nothing of it.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/transcript", operation_id = "check_transcript", tag = "hidden evaluation",
     summary = "Show a promised transcript",
@@ -160,7 +166,9 @@ pub async fn check_transcript(
     Ok(Json(instances::check_transcript(&state, &caller, &id, &body.bytes).await?.into()))
 }
 
-/// Returns the specification and the report of an instance, after its epoch is over.
+/// Returns the report of a revealed instance.
+///
+/// The specification comes with it, after the epoch is over.
 #[utoipa::path(
     get, path = "/v1/instances/{id}/report", operation_id = "get_instance_report", tag = "hidden evaluation",
     summary = "Get a revealed instance's report",
@@ -177,8 +185,9 @@ pub async fn get_instance_report(State(state): State<AppState>, Path(id): Path<S
                                 "graded_at": rfc3339(report.graded_at_ms) })))
 }
 
-/// Returns the receipt of an instance's grade: at first its hash and its position in the log, and the whole receipt
-/// when the epoch is over.
+/// Returns the receipt of an instance's grade.
+///
+/// While the epoch is open, only its hash and its position in the log are shown, and the whole receipt afterwards.
 #[utoipa::path(
     get, path = "/v1/instances/{id}/receipt", operation_id = "get_instance_receipt", tag = "hidden evaluation",
     summary = "Get an instance's receipt",

@@ -24,7 +24,9 @@ pub struct LogQuery {
     limit: Option<u32>,
 }
 
-/// Lists the public log of receipts in order. For hidden instances of open epochs, only hash and link are shown.
+/// Lists the public log of receipts in order.
+///
+/// For hidden instances of open epochs, only hash and link are shown.
 #[utoipa::path(
     get, path = "/v1/receipts", operation_id = "list_receipts", tag = "receipts", summary = "List receipts",
     params(LogQuery),
@@ -37,8 +39,10 @@ pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<
     Ok(Json(receipts::log_page(&state, query.after.unwrap_or(0), items).await?))
 }
 
-/// Returns the receipt of a submission's latest grade by a worker; a regrade creates no receipt. Check it offline with
-/// `plumbline verify-receipt`.
+/// Returns the receipt of a submission's grade.
+///
+/// It is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with `plumbline
+/// verify-receipt`.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/receipt", operation_id = "get_receipt", tag = "receipts", summary = "Get a submission's receipt",
     params(("id" = String, Path, description = "The submission's id")),
@@ -60,7 +64,9 @@ pub struct ReceiptKeys {
     pub all: Vec<String>,
 }
 
-/// Returns the public keys that verify this service's receipts.
+/// Returns the public keys of receipts.
+///
+/// They verify the receipts of this service.
 #[utoipa::path(
     get, path = "/.well-known/plumbline-receipts.json", operation_id = "get_receipt_keys", tag = "receipts",
     summary = "Get the public keys of receipts",

@@ -39,15 +39,15 @@ use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Greatest number of logs in a chunk, which is what a worker takes at a time from those that are left.
 const CHUNK: usize = 8;
-/// Number of logs of a batch, for each core, that are graded at a time outside the turns.
+/// Number of logs of a batch, for each core, that are graded at a time outside the time slices.
 const SLOW_AT_A_TIME: usize = 2;
 /// Number of logs of a batch whose code runs or waits, that wait to be graded, or whose result waits for a slow client.
 const SLOW_IN_ALL: usize = 64;
 /// Length of a time slice, after which other senders get theirs.
-const TURN: Duration = Duration::from_millis(5);
-/// Results that wait for a slow client: at most this many time slices, each of about `TURN_BYTES` bytes.
+const SLICE: Duration = Duration::from_millis(5);
+/// Results that wait for a slow client: at most this many time slices, each of about `SLICE_BYTES` bytes.
 const WAITING: usize = 4;
-const TURN_BYTES: usize = 1 << 20;
+const SLICE_BYTES: usize = 1 << 20;
 /// Up to this size, lines are found on the thread that serves the request, mostly sooner than another thread would begin.
 const SMALL_BODY: usize = 1 << 18;
 
@@ -73,9 +73,11 @@ pub struct BatchItem {
     pub error: Option<Problem>,
 }
 
-/// Grades many logs. The body is NDJSON with one request per line, or a JSON array of requests. The response is NDJSON
-/// with one line per log, sent as soon as the log is graded, in any order; `index` identifies the log. A log that fails
-/// does not affect the others.
+/// Grades many logs.
+///
+/// The body is NDJSON with one request per line, or a JSON array of requests. The response is NDJSON with one line per
+/// log, sent as soon as the log is graded, in any order; `index` identifies the log. A log that fails does not affect
+/// the others.
 #[utoipa::path(
     post, path = "/v1/grade:batch", operation_id = "grade_batch", tag = "rewards", summary = "Grade many logs at once",
     request_body(content((Vec<NewGrade> = "application/json"), (String = "application/x-ndjson"))),
@@ -86,7 +88,7 @@ pub struct BatchItem {
 )]
 pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Response> {
     caller.require(Scope::Grade)?;
-    let place = state.grader.admit_batch(caller.who())?;
+    let permit = state.grader.admit_batch(caller.who())?;
     let JsonBody { bytes, format, share } = body;
     let catalogue = state.current_catalogue().await?;
     let (bytes, items) = if format == Format::NdJson && bytes.len() <= SMALL_BODY {
@@ -103,7 +105,7 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     let chunk = items.len().div_ceil(8 * cores).min(CHUNK);
     let grading = Semaphore::new(SLOW_AT_A_TIME * cores);
     let batch = Arc::new(Batch { state, who, catalogue, bytes, items, chunk, next: AtomicUsize::new(0), grading });
-    let held = Arc::new((place, share));
+    let held = Arc::new((permit, share));
     let (slow, of_slow) = mpsc::unbounded_channel();
     for _ in 0..cores.min(batch.items.len().div_ceil(chunk)) {
         let (batch, slow, sender, held) = (Arc::clone(&batch), slow.clone(), sender.clone(), Arc::clone(&held));
@@ -146,7 +148,7 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
                 }
                 let text = text[..length].strip_suffix(b"\n").unwrap_or(&text[..length]);
                 if !text.iter().all(u8::is_ascii_whitespace) {
-                    items.push(Item { place: range_of(text), line: Some(line) });
+                    items.push(Item { range: range_of(text), line: Some(line) });
                 }
             }
         }
@@ -161,8 +163,8 @@ fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
                 faults.add(format!("{}; {NO_ARRAY}", why_not_json(bytes, &error)));
                 AppError::malformed(faults)
             })?;
-            let place = |part: &RawValue| range_of(part.get().as_bytes());
-            items.extend(parts.into_iter().map(|part| Item { place: place(part), line: None }));
+            let range = |part: &RawValue| range_of(part.get().as_bytes());
+            items.extend(parts.into_iter().map(|part| Item { range: range(part), line: None }));
         }
     }
     if items.is_empty() || items.len() > LIMITS.grade_batch_logs {
@@ -183,19 +185,19 @@ struct Batch {
     chunk: usize,
     /// The first log that no worker has taken.
     next: AtomicUsize,
-    /// Permits to grade outside the turns. Whoever waits for one does not wait in a lane, where time counts.
+    /// Permits to grade outside the time slices. Whoever waits for one does not wait in a lane, where time counts.
     grading: Semaphore,
 }
 
-/// Place of a request in the body, and its line if the body is NDJSON.
+/// A request in the body: its bytes, and its line if the body is NDJSON.
 struct Item {
-    place: Range<usize>,
+    range: Range<usize>,
     line: Option<u64>,
 }
 
-/// Result of a time slice on the short lane.
+/// What a time slice on the short lane did.
 #[derive(Default)]
-struct Turn {
+struct Slice {
     lines: Vec<u8>,
     /// Logs that the short lane cannot finish: they have action code, or take long.
     slow: Vec<usize>,
@@ -220,25 +222,25 @@ impl Batch {
             while !left.is_empty() {
                 let (batch, chunk) = (Arc::clone(self), left.clone());
                 let patience = Duration::from_secs(LIMITS.grade_batch_wait_seconds);
-                // A turn that begins late has as long as any other.
+                // A slice that begins late has as long as any other.
                 let patience = Deadline { work: patience, wait: Some(patience) };
-                let work = move |until: &Until| Ok(batch.take_turn(chunk, until));
-                let turn = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
-                    Ok(turn) => turn,
+                let work = move |until: &Until| Ok(batch.grade_slice(chunk, until));
+                let slice = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
+                    Ok(slice) => slice,
                     Err(error) => {
-                        let mut turn = Turn { begun: left.end..left.end, ..Turn::default() };
+                        let mut slice = Slice { begun: left.end..left.end, ..Slice::default() };
                         let problem = Problem::from(error.without_reward());
                         left.clone()
-                            .for_each(|index| write_line(&mut turn.lines, &self.failed(index, problem.clone())));
-                        turn
+                            .for_each(|index| write_line(&mut slice.lines, &self.failed(index, problem.clone())));
+                        slice
                     }
                 };
-                left = turn.begun;
-                for index in turn.slow {
+                left = slice.begun;
+                for index in slice.slow {
                     // The receiver goes when the client does.
                     let _ = slow.send(index);
                 }
-                if !turn.lines.is_empty() && sender.send(turn.lines.into()).await.is_err() {
+                if !slice.lines.is_empty() && sender.send(slice.lines.into()).await.is_err() {
                     return;
                 }
             }
@@ -270,35 +272,35 @@ impl Batch {
     }
 
     /// Grades a chunk and those after it until the time slice ends. It leaves the slow ones.
-    fn take_turn(&self, mut chunk: Range<usize>, until: &Until) -> Turn {
+    fn grade_slice(&self, mut chunk: Range<usize>, until: &Until) -> Slice {
         let begun = Instant::now();
-        let mut turn = Turn::default();
-        while begun.elapsed() < TURN && turn.lines.len() < TURN_BYTES && !until.has_left() {
-            // Handing over a turn costs time, so it goes on with logs that no worker has taken.
+        let mut slice = Slice::default();
+        while begun.elapsed() < SLICE && slice.lines.len() < SLICE_BYTES && !until.has_left() {
+            // Handing over a slice costs time, so it goes on with logs that no worker has taken.
             if chunk.is_empty() {
                 chunk = self.next_chunk();
             }
             let Some(index) = chunk.next() else { break };
-            let written = turn.lines.len();
+            let written = slice.lines.len();
             let done = catch_unwind(AssertUnwindSafe(|| match self.grade_now(index, until) {
-                Ok(Some(graded)) => write_line(&mut turn.lines, &self.item(index, Ok(graded))),
-                Ok(None) => turn.slow.push(index),
-                Err(error) => write_line(&mut turn.lines, &self.item(index, Err(error))),
+                Ok(Some(graded)) => write_line(&mut slice.lines, &self.item(index, Ok(graded))),
+                Ok(None) => slice.slow.push(index),
+                Err(error) => write_line(&mut slice.lines, &self.item(index, Err(error))),
             }));
             if done.is_err() {
                 // A panic costs only its own log the result.
-                turn.lines.truncate(written);
-                write_line(&mut turn.lines, &self.item(index, Err(panicked())));
+                slice.lines.truncate(written);
+                write_line(&mut slice.lines, &self.item(index, Err(panicked())));
             }
         }
-        turn.begun = chunk;
-        turn
+        slice.begun = chunk;
+        slice
     }
 
     /// Reads the request of an item.
     fn read(&self, index: usize) -> AppResult<ReadRequest> {
-        let Item { place, line } = &self.items[index];
-        let text = &self.bytes[place.clone()];
+        let Item { range, line } = &self.items[index];
+        let text = &self.bytes[range.clone()];
         match *line {
             Some(line) => ReadRequest::read_line(text, line, &self.catalogue),
             None => ReadRequest::read(text, &self.catalogue),

@@ -24,9 +24,11 @@ const QUICK_BYTES: usize = 128 << 10;
 /// Size in bytes of a response without a report: a few hundred for a task with few checks.
 const TYPICAL_BYTES: usize = 2 << 10;
 
-/// Grades a log synchronously; the response has the scores and a reward. Nothing is stored, and nothing appears on a
-/// board. A failure of the service is a problem whose `reward` is null, never a score; `retryable` says whether the
-/// same request may succeed later.
+/// Grades a log synchronously.
+///
+/// The response has the scores and a reward. Nothing is stored, and nothing appears on a board. A failure of the
+/// service is a problem whose `reward` is null, never a score; `retryable` says whether the same request may succeed
+/// later.
 #[utoipa::path(
     post, path = "/v1/grade", operation_id = "grade", tag = "rewards", summary = "Grade a log synchronously",
     request_body(content = NewGrade, content_type = "application/json"),

@@ -71,9 +71,11 @@ fn placed(error: AppError) -> AppError {
     if told.is_empty() { error } else { error.with_fault_list(told) }
 }
 
-/// Grades a structure file (`.nbt`, `.schem` or `.litematic`), whose bytes are the body, for a task of one turn. For
-/// tasks of several turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its blocks
-/// were placed, so checks of planning are left out, and `not_measured` lists them.
+/// Grades a structure file.
+///
+/// The body is the bytes of the file (`.nbt`, `.schem` or `.litematic`), for a task of one turn. For tasks of several
+/// turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its blocks were placed, so
+/// checks of planning are left out, and `not_measured` lists them.
 #[utoipa::path(
     post, path = "/v1/grade:structure", operation_id = "grade_structure", tag = "rewards",
     summary = "Grade a structure file",

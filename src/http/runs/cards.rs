@@ -69,8 +69,10 @@ async fn put_card(state: &AppState, caller: &Caller, of: CardOf<'_>, body: &Json
     Ok(Json(CardBody::of(put(state, caller, of, card, faults).await?, false)?))
 }
 
-/// Declares what a run was: agent, harness, model, sampling, tokens, cost. The card may be edited at any time, also
-/// after the run has finished; every version stays in its history.
+/// Declares what a run was.
+///
+/// The card has its agent, harness, model, sampling, tokens and cost. It may be edited at any time, also after the run
+/// has finished; every version stays in its history.
 #[utoipa::path(
     put, path = "/v1/runs/{id}/card", operation_id = "put_run_card", tag = "runs", summary = "Declare what a run was",
     params(("id" = String, Path, description = "The run's id")),
@@ -90,7 +92,9 @@ pub async fn put_run_card(
     put_card(&state, &caller, CardOf::Run(&id), &body).await
 }
 
-/// Returns the card of a run, with its history.
+/// Returns the card of a run.
+///
+/// Its history comes with it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}/card", operation_id = "get_run_card", tag = "runs", summary = "Get a run's card",
     params(("id" = String, Path, description = "The run's id"), CardQuery),
@@ -108,7 +112,9 @@ pub async fn get_run_card(
     Ok(Json(CardBody::of(versions(&state, caller.ok().as_ref(), CardOf::Run(&id)).await?, query.prompt)?))
 }
 
-/// Declares what an entry was, like the card of a run.
+/// Declares what an entry was.
+///
+/// This is a card like that of a run.
 #[utoipa::path(
     put, path = "/v1/entries/{id}/card", operation_id = "put_entry_card", tag = "hidden evaluation",
     summary = "Declare what an entry was",
@@ -129,7 +135,9 @@ pub async fn put_entry_card(
     put_card(&state, &caller, CardOf::Entry(&id), &body).await
 }
 
-/// Returns the card of an entry, with its history.
+/// Returns the card of an entry.
+///
+/// Its history comes with it.
 #[utoipa::path(
     get, path = "/v1/entries/{id}/card", operation_id = "get_entry_card", tag = "hidden evaluation",
     summary = "Get an entry's card",

@@ -13,8 +13,10 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a submission
-/// count as failed. The run finishes when all its submissions have been graded. The body is optional.
+/// Finishes a run.
+///
+/// This declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
+/// submission count as failed. The run finishes when all its submissions have been graded. The body is optional.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/finish", operation_id = "finish_run", tag = "runs", summary = "Finish a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -40,9 +42,11 @@ pub async fn finish_run(
     Ok(Json(RunBody::seen_by(Some(&caller), finish(&state, &caller, &id, draft, faults).await?)))
 }
 
-/// Deletes a run that is still open. Its pending submissions are cancelled, and only `state=deleted` lists it. Reports
-/// and receipts of its graded submissions stay, and the board still counts it among the runs that the agent has begun.
-/// A finished run cannot be deleted; its owner may withdraw it.
+/// Deletes a run that is still open.
+///
+/// Its pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its graded
+/// submissions stay, and the board still counts it among the runs that the agent has begun. A finished run cannot be
+/// deleted; its owner may withdraw it.
 #[utoipa::path(
     delete, path = "/v1/runs/{id}", operation_id = "delete_run", tag = "runs", summary = "Delete an open run",
     params(("id" = String, Path, description = "The run's id")),

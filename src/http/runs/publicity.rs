@@ -12,9 +12,11 @@ use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 
-/// Withdraws a finished run from its board, for good. The board lists it among the withdrawn runs with time and reason,
-/// and still counts it among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run
-/// is deleted instead.
+/// Withdraws a finished run from its board.
+///
+/// This cannot be undone. The board lists the run among those withdrawn, with time and reason, and still counts it
+/// among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run is deleted
+/// instead.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/withdraw", operation_id = "withdraw_run", tag = "runs", summary = "Withdraw a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -38,7 +40,9 @@ pub async fn withdraw_run(
     Ok(Json(RunBody::seen_by(Some(&caller), publicity::withdraw(&state, &caller, &id, draft, faults).await?)))
 }
 
-/// Lifts the embargo of a run before its end: from now on the run shows its agent, owner, card and metadata.
+/// Lifts the embargo of a run before its end.
+///
+/// From now on the run shows its agent, owner, card and metadata.
 #[utoipa::path(
     delete, path = "/v1/runs/{id}/embargo", operation_id = "lift_embargo", tag = "runs",
     summary = "Lift an embargo early",

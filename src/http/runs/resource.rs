@@ -150,7 +150,9 @@ impl RunBody {
     }
 }
 
-/// Creates a run: one attempt of an agent at a suite. It finishes by itself when every task has been graded.
+/// Creates a run.
+///
+/// A run is one attempt of an agent at a suite. It finishes by itself when every task has been graded.
 #[utoipa::path(
     post, path = "/v1/runs", operation_id = "create_run", tag = "runs", summary = "Create a run",
     params(("Idempotency-Key" = Option<String>, Header, description = "A request that is repeated with the same key within 24 hours is carried out only once, and its response is repeated")),
@@ -180,8 +182,10 @@ pub async fn create_run(
     Ok(response)
 }
 
-/// Returns a run with its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with
-/// a key that may submit, sees all of it.
+/// Returns a run.
+///
+/// It has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a key that
+/// may submit, sees all of it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -244,7 +248,9 @@ pub struct RunPage {
     pub next_after: Option<String>,
 }
 
-/// Returns a page of runs, latest first. `mine=true` selects the runs of the key's owner.
+/// Returns a page of runs.
+///
+/// The latest comes first. `mine=true` selects the runs of the key's owner.
 #[utoipa::path(
     get, path = "/v1/runs", operation_id = "list_runs", tag = "runs", summary = "List runs",
     params(RunsQuery),
@@ -287,7 +293,9 @@ pub struct SubmissionPage {
     pub next_after: Option<u32>,
 }
 
-/// Returns a page of a run's submissions, ordered by task number.
+/// Returns a page of a run's submissions.
+///
+/// They are ordered by task number.
 #[utoipa::path(
     get, path = "/v1/runs/{id}/submissions", operation_id = "list_run_submissions", tag = "runs",
     summary = "List a run's submissions",

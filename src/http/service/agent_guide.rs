@@ -51,8 +51,10 @@ pub struct GuideQuery {
     format: Option<GuideFormat>,
 }
 
-/// Returns a system prompt for agents that a lab can use as it stands: the world, what an answer must be, limits,
-/// functions, and an example.
+/// Returns a system prompt for agents.
+///
+/// A lab can use it as it stands. It describes the world, what an answer must be, limits and functions, and has an
+/// example.
 #[utoipa::path(
     get, path = "/v1/agent-guide", operation_id = "get_agent_guide", tag = "tasks", summary = "Get a system prompt for agents",
     params(GuideQuery),

@@ -37,8 +37,10 @@ pub struct BlockList {
     pub blocks: Vec<BlockBody>,
 }
 
-/// Returns the blocks that the service knows, with the properties of their states. Logs under the profile `published`
-/// may have other names; an advisory tells those.
+/// Returns the blocks that the service knows.
+///
+/// Each has the properties of its states. Logs under the profile `published` may have other names; an advisory names
+/// them.
 #[utoipa::path(
     get, path = "/v1/blocks", operation_id = "list_blocks", tag = "service", summary = "List blocks",
     responses(

@@ -23,7 +23,9 @@ pub async fn get_openapi(State(state): State<AppState>) -> impl IntoResponse {
 /// Time that the database may take for its metrics; Prometheus waits ten seconds for all.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Returns the metrics in the Prometheus text format.
+/// Returns the metrics.
+///
+/// They are in the Prometheus text format.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Get the metrics",
     responses(

@@ -35,8 +35,9 @@ pub async fn get_health() -> Json<Health> {
     Json(OK)
 }
 
-/// Reports whether the service can take work: within the last second, a transaction was written durably and every table
-/// was read.
+/// Reports whether the service can take work.
+///
+/// It can if, within the last second, a transaction was written durably and every table was read.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service", summary = "Check readiness",
     responses(

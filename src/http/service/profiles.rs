@@ -58,7 +58,9 @@ impl ProfileBody {
     }
 }
 
-/// Returns the profiles with the functions that action code finds under each.
+/// Lists the profiles.
+///
+/// Each has the functions that action code finds under it.
 #[utoipa::path(
     get, path = "/v1/profiles", operation_id = "list_profiles", tag = "service", summary = "List profiles",
     responses(

@@ -15,12 +15,12 @@ use crate::http::extract::idempotency;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 
-/// Accepts an agent's work on a task: the events of each turn. The response is sent once the submission is durable;
-/// grading follows.
+/// Accepts an agent's work on a task.
+///
+/// The body has the events of each turn. The response is sent once the submission is durable; grading follows.
 ///
 /// With `Content-Type: application/x-ndjson`, the body has one submission per line: either all are accepted, in one
-/// transaction, or none.
-/// A run answers each task once; posting the same log again returns the same submission.
+/// transaction, or none. A run answers each task once; posting the same log again returns the same submission.
 #[utoipa::path(
     post, path = "/v1/submissions", operation_id = "create_submission", tag = "submissions", summary = "Post a submission",
     params(("Idempotency-Key" = Option<String>, Header, description = "A request that is repeated with the same key within 24 hours is carried out only once, and its response is repeated")),
@@ -60,8 +60,10 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> Response {
     (StatusCode::ACCEPTED, headers, Json(one)).into_response()
 }
 
-/// Checks one or many submissions without submitting them. It checks everything that posting checks, and reports all
-/// faults at once. Nothing is stored or graded, and no quota is used.
+/// Checks one or many submissions without submitting them.
+///
+/// It checks everything that posting checks, and reports all faults at once. Nothing is stored or graded, and no quota
+/// is used.
 #[utoipa::path(
     post, path = "/v1/validate", operation_id = "validate_submission", tag = "submissions",
     summary = "Check a submission without submitting it",

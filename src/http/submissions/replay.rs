@@ -70,8 +70,10 @@ pub struct ReplayBody {
     pub turns: Vec<TurnReplay>,
 }
 
-/// Runs action code and returns the blocks that it places and removes, and those that stand at the end. Nothing is
-/// graded or stored. Code that reaches a limit is refused, and the fault names the limit.
+/// Runs action code.
+///
+/// The response has the blocks that it places and removes, and those that stand at the end. Nothing is graded or
+/// stored. Code that reaches a limit is refused, and the fault names the limit.
 #[utoipa::path(
     post, path = "/v1/replay", operation_id = "replay_action_code", tag = "submissions", summary = "Run action code",
     request_body(content = NewReplay, content_type = "application/json"),

@@ -60,8 +60,9 @@ pub struct ReportQuery {
     attempt: Option<i64>,
 }
 
-/// Returns the report: what was measured and what was required for each turn, check and criterion, with the cells that
-/// show it.
+/// Returns a report.
+///
+/// It says what was measured and what was required for each turn, check and criterion, with the cells that show it.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
     params(("id" = String, Path, description = "The submission's id"), ReportQuery),
@@ -92,7 +93,9 @@ pub async fn get_report(
     }))
 }
 
-/// Returns the log as stored: canonical JSON, whose SHA-256 is the log hash.
+/// Returns the log as stored.
+///
+/// It is canonical JSON, whose SHA-256 is the log hash.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
     params(("id" = String, Path, description = "The submission's id")),

@@ -17,7 +17,9 @@ fn body(
     Ok(SubmissionBody { queued_before, estimated_seconds, ..SubmissionBody::of(row, &entry)? })
 }
 
-/// Returns a submission's state and, once graded, its verdict.
+/// Returns a submission.
+///
+/// It has its state and, once graded, its verdict.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}", operation_id = "get_submission", tag = "submissions", summary = "Get a submission",
     params(("id" = String, Path, description = "The submission's id")),
@@ -30,7 +32,9 @@ pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String
     Ok(Json(body(status(&state, &id).await?)?))
 }
 
-/// Cancels a submission that is queued or being graded. It ends as `cancelled`, and its task may be answered again.
+/// Cancels a submission.
+///
+/// It must be queued or being graded. It ends as `cancelled`, and its task may be answered again.
 #[utoipa::path(
     post, path = "/v1/submissions/{id}/cancel", operation_id = "cancel_submission", tag = "submissions",
     summary = "Cancel a submission",

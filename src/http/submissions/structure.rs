@@ -34,8 +34,10 @@ pub struct StructureQuery {
     turn: Option<usize>,
 }
 
-/// Returns the build that stands after a turn as a structure file, for the game and its tools. Blocks have the state in
-/// which the game places them by default, because logs name materials; the upper half of a door is recognised.
+/// Returns a build as a structure file.
+///
+/// The file has what stands after a turn, for the game and its tools. Blocks have the state in which the game places
+/// them by default, because logs name materials; the upper half of a door is recognised.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/structure", operation_id = "get_structure", tag = "submissions",
     summary = "Download a build",

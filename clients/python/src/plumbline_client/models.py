@@ -1046,7 +1046,7 @@ class Limits(BaseModel):
     """
     head_bytes: Annotated[int, Field(ge=0)]
     """
-    Bytes of a request before its body: request line and headers.
+    Bytes of the request line and the headers that a request may have in any case; twice as many are refused.
     """
     headers: Annotated[int, Field(ge=0)]
     """

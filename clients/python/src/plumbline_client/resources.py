@@ -22,35 +22,42 @@ class Boards:
         self._client = client
 
     def act(self, id: str | UUID, *, action: Literal["hide", "restore"], reason: str) -> models.BoardAction:
-        """Hide or restore a run."""
+        """Requires the scope `admin`; the actor and the reason are public and permanent."""
         return self._client._call(models.BoardAction, "POST", f"/v1/runs/{quoted(id)}/board-actions", json=given({"action": action, "reason": reason}))
 
     def actions(self, suite: str) -> models.BoardActions:
-        """List actions on rows."""
+        """Each comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by owners,
+        and the end of embargoes. The record is permanent.
+        """
         return self._client._call(models.BoardActions, "GET", f"/v1/leaderboards/{quoted(suite)}/actions")
 
     def breakdown(self, suite: str, *, by: Literal["family", "category", "type", "wording", "criterion"] | None = None, run: str | UUID | None = None) -> models.Breakdown:
-        """Get rates by group of tasks."""
+        """They are those of the best runs, or of one run, by family, category, type, wording or criterion of the tasks."""
         return self._client._call(models.Breakdown, "GET", f"/v1/leaderboards/{quoted(suite)}/breakdown", params={"by": by, "run": run})
 
     def compare(self, suite: str, *, a: str | UUID, b: str | UUID) -> models.Comparison:
-        """Compare two runs."""
+        """The response lists the problems that only one of them solves, and says whether the difference may be chance."""
         return self._client._call(models.Comparison, "GET", f"/v1/leaderboards/{quoted(suite)}/compare", params={"a": a, "b": b})
 
     def feed(self, suite: str) -> str:
-        """Follow a board (Atom)."""
+        """News are finished runs and actions on rows."""
         return self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}/feed.atom")
 
     def get(self, suite: str, *, sort: Literal["overall", "accuracy", "material", "shape", "size", "physical_plausibility", "dependency", "structural_stability", "efficiency", "coverage", "finished"] | None = None, order: Literal["desc", "asc"] | None = None, agent: str | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, coverage: Literal["complete", "incomplete"] | None = None, runs: Literal["all", "best_of_agent"] | None = None, as_of: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> models.BoardBody:
-        """Get a leaderboard."""
+        """It has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have."""
         return self._client._call(models.BoardBody, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "runs": runs, "as_of": as_of, "after": after, "limit": limit})
 
     def get_as(self, suite: str, *, format: Literal["csv", "ndjson", "markdown"], sort: Literal["overall", "accuracy", "material", "shape", "size", "physical_plausibility", "dependency", "structural_stability", "efficiency", "coverage", "finished"] | None = None, order: Literal["desc", "asc"] | None = None, agent: str | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, coverage: Literal["complete", "incomplete"] | None = None, runs: Literal["all", "best_of_agent"] | None = None, as_of: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> str:
-        """Get a leaderboard."""
+        """It has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have."""
         return self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "runs": runs, "as_of": as_of, "after": after, "limit": limit, "format": format})
 
     def repeats(self, suite: str) -> models.RepeatsBody:
-        """Get repeats of configurations."""
+        """Repeats are finished runs of one owner, agent, track and profile whose cards declare the same
+        `configuration_sha256`. Runs that their owner withdrew are counted in `withdrawn` alone, and runs
+        under embargo belong to no group. Each group has the mean and the spread of its runs, and pass^k: the
+        rate of problems that k of its runs all solve. Runs that cover too little of the suite belong to no
+        group.
+        """
         return self._client._call(models.RepeatsBody, "GET", f"/v1/leaderboards/{quoted(suite)}/repeats")
 
 
@@ -61,27 +68,34 @@ class Entries:
         self._client = client
 
     def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
-        """Get an entry's card."""
+        """Its history comes with it."""
         return self._client._call(models.CardBody, "GET", f"/v1/entries/{quoted(id)}/card", params={"prompt": prompt})
 
     def create(self, epoch: str, *, agent: str, configuration_sha256: str, tier: Literal["dev", "official"], runs: int, idempotency_key: str | None = None) -> models.EntryBody:
-        """Register an entry."""
+        """An entry is registered before any instance is seen. It fixes the evaluated agent, its configuration and the
+        number of runs. All official entries of an owner in an epoch must have the same agent and
+        configuration; they are pooled.
+        """
         return self._client._call(models.EntryBody, "POST", f"/v1/epochs/{quoted(epoch)}/entries", json=given({"agent": agent, "configuration_sha256": configuration_sha256, "tier": tier, "runs": runs}), once=idempotency_key or new_key())
 
     def draw(self, id: str | UUID, *, run: int, nonce: str) -> models.InstanceList:
-        """Draw a run's instances."""
+        """Repeating the request with the same nonce returns the same instances; a different nonce is rejected. Each
+        instance must be answered with one log before it expires.
+        """
         return self._client._call(models.InstanceList, "POST", f"/v1/entries/{quoted(id)}/instances", json=given({"run": run, "nonce": nonce}))
 
     def finalize(self, id: str | UUID) -> models.EntryBody:
-        """Finalize an entry."""
+        """It then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This cannot
+        be undone.
+        """
         return self._client._call(models.EntryBody, "POST", f"/v1/entries/{quoted(id)}/finalize", is_repeatable=True)
 
     def get(self, id: str | UUID) -> models.EntryBody:
-        """Get an entry."""
+        """It has its state and, as far as it is released, its result."""
         return self._client._call(models.EntryBody, "GET", f"/v1/entries/{quoted(id)}")
 
     def put_card(self, id: str | UUID, *, agent_version: str | None = None, harness: models.Harness | Mapping[str, Any] | None = None, model: models.CardModel | Mapping[str, Any] | None = None, system_prompt: models.SystemPrompt | Mapping[str, Any] | None = None, sampling: models.Sampling | Mapping[str, Any] | None = None, tokens: models.Tokens | Mapping[str, Any] | None = None, cost: models.Cost | Mapping[str, Any] | None = None, configuration_sha256: str | None = None, links: Sequence[models.Link | Mapping[str, Any]] | None = None) -> models.CardBody:
-        """Declare what an entry was."""
+        """This is a card like that of a run."""
         return self._client._call(models.CardBody, "PUT", f"/v1/entries/{quoted(id)}/card", json=given({"agent_version": agent_version, "harness": harness, "model": model, "system_prompt": system_prompt, "sampling": sampling, "tokens": tokens, "cost": cost, "configuration_sha256": configuration_sha256, "links": links}), is_repeatable=True)
 
 
@@ -92,33 +106,42 @@ class Episodes:
         self._client = client
 
     def get(self, id: str | UUID) -> models.EpisodeBody:
-        """Get an episode."""
+        """It has its state, the instruction of the turn, and where the body stands."""
         return self._client._call(models.EpisodeBody, "GET", f"/v1/episodes/{quoted(id)}")
 
     def next_turn(self, id: str | UUID, *, step: int | None = None) -> models.EpisodeBody:
-        """Go on to the next turn."""
+        """The response has its instruction. This counts as a step. The body is optional."""
         return self._client._call(models.EpisodeBody, "POST", f"/v1/episodes/{quoted(id)}/next-turn", json=given({"step": step}), is_repeatable=step is not None)
 
     def open(self, *, task: str | int | None = None, instance: str | UUID | None = None, suite: str | None = None, run: str | UUID | None = None) -> models.EpisodeBody:
-        """Open an episode."""
+        """An episode is an attempt at a task or hidden instance, turn by turn, in a world that the service keeps. It is
+        an ordinary submission or answer once it is submitted. Episodes survive a restart of the service, and
+        belong to the owner of the key.
+        """
         return self._client._call(models.EpisodeBody, "POST", "/v1/episodes", json=given({"task": task, "instance": instance, "suite": suite, "run": run}))
 
     def picture(self, id: str | UUID, *, from_: Literal["south-east", "south-west", "north-west", "north-east"] | None = None) -> bytes:
-        """Draw what was built."""
+        """The picture shows it from above and from a corner, for agents that see. From the south-east, x grows to the
+        lower right and z to the lower left.
+        """
         return self._client._call(bytes, "GET", f"/v1/episodes/{quoted(id)}/picture", params={"from": from_})
 
     def step(self, id: str | UUID, *, action_code: str | Sequence[str] | None = None, events: Sequence[models.NewEvent | Mapping[str, Any]] | None = None, step: int | None = None, view: models.Region | Mapping[str, Any] | None = None, picture: Literal["south-east", "south-west", "north-west", "north-east"] | None = None) -> models.StepDone:
-        """With `step`, the number of the step, a request may be repeated: the step is made once, and the last answer is
-        given again.
+        """The service runs code, or applies events, in the world as it stands, and returns what happened. An error in
+        the code is not an error of the request: what was built before it stays. A step that reaches a limit
+        is refused and changes nothing.  With `step`, the number of the step, a request may be repeated: the
+        step is made once, and the last response is given again.
         """
         return self._client._call(models.StepDone, "POST", f"/v1/episodes/{quoted(id)}/steps", json=given({"action_code": action_code, "events": events, "step": step, "view": view, "picture": picture}), is_repeatable=step is not None)
 
     def submit(self, id: str | UUID, *, transcript_sha256: str | None = None) -> models.EpisodeSubmitted:
-        """Submit an episode."""
+        """What was built is graded. Turns that were not begun are empty. Submitting again gives the same response. The
+        body is optional.
+        """
         return self._client._call(models.EpisodeSubmitted, "POST", f"/v1/episodes/{quoted(id)}/submit", json=given({"transcript_sha256": transcript_sha256}))
 
     def view(self, id: str | UUID, *, from_: str, to: str) -> models.View:
-        """View a box of the world."""
+        """The ground is included."""
         return self._client._call(models.View, "GET", f"/v1/episodes/{quoted(id)}/view", params={"from": from_, "to": to})
 
 
@@ -129,31 +152,40 @@ class Epochs:
         self._client = client
 
     def answers(self, epoch: str) -> str:
-        """Download a closed epoch's answers."""
+        """They are the logs that answered its instances, one per line. `plumbline verify-epoch` grades them again."""
         return self._client._call(str, "GET", f"/v1/epochs/{quoted(epoch)}/answers")
 
     def bring_round(self, epoch: str, *, round: int, signature: str, randomness: str | None = None, previous_signature: str | None = None) -> models.EpochBody:
-        """Bring a beacon's round."""
+        """The epoch that is bound to it gets its pool. Anybody may bring the round, without a key: it is public, and its
+        signature says that it is the right one. Repeating the request changes nothing.
+        """
         return self._client._call(models.EpochBody, "POST", f"/v1/epochs/{quoted(epoch)}/beacon", json=given({"round": round, "signature": signature, "randomness": randomness, "previous_signature": previous_signature}))
 
     def get(self, epoch: str) -> models.EpochBody:
-        """Get an epoch."""
+        """It has its commitment, its rules and its current state."""
         return self._client._call(models.EpochBody, "GET", f"/v1/epochs/{quoted(epoch)}")
 
     def leaderboard(self, epoch: str, *, tier: Literal["dev", "official"] | None = None, provenance: str | None = None) -> models.EpochBoard:
-        """Get an epoch's board."""
+        """The official board pools all entries of an owner, counts unanswered instances as failed, and is released after
+        the epoch has closed. The Ladder updates the dev board.
+        """
         return self._client._call(models.EpochBoard, "GET", f"/v1/epochs/{quoted(epoch)}/leaderboard", params={"tier": tier, "provenance": provenance})
 
     def list(self) -> models.EpochList:
-        """List epochs."""
+        """Each comes with its commitments."""
         return self._client._call(models.EpochList, "GET", "/v1/epochs")
 
     def reveal(self, epoch: str) -> dict[str, Any]:
-        """Reveal a closed epoch."""
+        """The response has everything that the epoch kept secret: key, salts, specifications, entries, draws and grades.
+        `plumbline verify-epoch` recomputes everything from the key and compares.
+        """
         return self._client._call(ANY, "GET", f"/v1/epochs/{quoted(epoch)}/reveal")
 
     def siblings(self, *, generator_version: int | None = None) -> str:
-        """List public siblings."""
+        """They are the specifications from which official runs draw a sibling for each hidden instance, one per line:
+        prompts, parameters and checks. The list is the same for all epochs of a version, and anybody may
+        train on it; the epoch's commitment has its root.
+        """
         return self._client._call(str, "GET", "/v1/siblings", params={"generator_version": generator_version})
 
 
@@ -164,23 +196,29 @@ class Instances:
         self._client = client
 
     def answer(self, id: str | UUID, *, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None, profile: Literal["published", "mindcraft"] | None = None, transcript_sha256: str | None = None) -> models.AnswerTaken:
-        """Answer an instance."""
+        """One log is the answer. Format errors are reported in full and cost nothing. Once a log is accepted, a
+        different log is rejected.
+        """
         return self._client._call(models.AnswerTaken, "POST", f"/v1/instances/{quoted(id)}/answer", json=given({"turns": turns, "log": log, "profile": profile, "transcript_sha256": transcript_sha256}), is_repeatable=True)
 
     def check_transcript(self, id: str | UUID, body: Mapping[str, Any]) -> models.InstanceBody:
-        """Show a promised transcript."""
+        """It was promised with an answer, and can be shown while the epoch is open. The service compares its SHA-256 and
+        stores nothing of it.
+        """
         return self._client._call(models.InstanceBody, "POST", f"/v1/instances/{quoted(id)}/transcript", json=body, is_repeatable=True)
 
     def get(self, id: str | UUID) -> models.InstanceBody:
-        """Get an instance."""
+        """This needs a key of its owner."""
         return self._client._call(models.InstanceBody, "GET", f"/v1/instances/{quoted(id)}")
 
     def receipt(self, id: str | UUID) -> models.ReceiptFile:
-        """Get an instance's receipt."""
+        """While the epoch is open, only its hash and its position in the log are shown, and the whole receipt
+        afterwards.
+        """
         return self._client._call(models.ReceiptFile, "GET", f"/v1/instances/{quoted(id)}/receipt")
 
     def report(self, id: str | UUID) -> dict[str, Any]:
-        """Get a revealed instance's report."""
+        """The specification comes with it, after the epoch is over."""
         return self._client._call(ANY, "GET", f"/v1/instances/{quoted(id)}/report")
 
 
@@ -191,23 +229,27 @@ class NemoGym:
         self._client = client
 
     def aggregate_metrics(self, body: Mapping[str, Any]) -> models.AggregateMetrics:
-        """NeMo Gym: compute statistics of verified rows."""
+        """NeMo Gym requests them from a resources server after an evaluation."""
         return self._client._call(models.AggregateMetrics, "POST", "/aggregate_metrics", json=body, is_repeatable=True)
 
     def close_session(self, *, resources_session_id: str | None = None) -> models.SessionAnswer:
-        """NeMo Gym: end a session."""
+        """Nothing was kept, so it may end more than once, or without having begun."""
         return self._client._call(models.SessionAnswer, "POST", "/close_session", json=given({"resources_session_id": resources_session_id}), is_repeatable=True)
 
     def reverify_mode(self) -> str:
-        """NeMo Gym: get reverification mode."""
+        """It may, with the same result."""
         return self._client._call(str, "GET", "/reverify_mode")
 
     def seed_session(self, *, resources_session_id: str | None = None) -> models.SessionAnswer:
-        """NeMo Gym: begin a session."""
+        """Nothing is kept between calls, so the response only repeats the session's id, if the request has one."""
         return self._client._call(models.SessionAnswer, "POST", "/seed_session", json=given({"resources_session_id": resources_session_id}), is_repeatable=True)
 
     def verify(self, *, task: str | int | None = None, suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, reward_scheme: Literal["strict", "shaped", "mean"] | models.WeightsBody | Mapping[str, Any] | None = None, verifier_metadata: Mapping[str, Any] | None = None, responses_create_params: Mapping[str, Any] | None = None, response: Mapping[str, Any] | None = None) -> models.VerifyAnswer:
-        """NeMo Gym: verify a response."""
+        """The last complete answer in the assistant's messages counts: a block log as JSON, or action code. If the task
+        has several turns, the last messages with an answer give one turn each. An answer that cannot be
+        graded has reward 0 and a `failure_reason`; a failure of the service is a problem, never a reward. The
+        criteria are also at the top level (`reward_material`, …), where the framework averages them.
+        """
         return self._client._call(models.VerifyAnswer, "POST", "/verify", json=given({"task": task, "suite": suite, "profile": profile, "reward_scheme": reward_scheme, "verifier_metadata": verifier_metadata, "responses_create_params": responses_create_params, "response": response}), is_repeatable=True)
 
 
@@ -218,15 +260,17 @@ class Receipts:
         self._client = client
 
     def keys(self) -> models.ReceiptKeys:
-        """Get the public keys of receipts."""
+        """They verify the receipts of this service."""
         return self._client._call(models.ReceiptKeys, "GET", "/.well-known/plumbline-receipts.json")
 
     def list(self, *, after: int | None = None, limit: int | None = None) -> models.ReceiptPage:
-        """List receipts."""
+        """For hidden instances of open epochs, only hash and link are shown."""
         return self._client._call(models.ReceiptPage, "GET", "/v1/receipts", params={"after": after, "limit": limit})
 
     def of_submission(self, id: str | UUID) -> models.ReceiptFile:
-        """Get a submission's receipt."""
+        """It is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with `plumbline
+        verify-receipt`.
+        """
         return self._client._call(models.ReceiptFile, "GET", f"/v1/submissions/{quoted(id)}/receipt")
 
 
@@ -237,15 +281,24 @@ class Rewards:
         self._client = client
 
     def grade(self, *, task: str | int | models.InlineTask | Mapping[str, Any], suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None, answer: str | Sequence[str] | None = None, reward: Literal["strict", "shaped", "mean"] | models.WeightsBody | Mapping[str, Any] | None = None, detail: Literal["scores", "report"] | None = None, deadline_ms: int | None = None) -> models.GradeBody:
-        """Grade a log synchronously."""
+        """The response has the scores and a reward. Nothing is stored, and nothing appears on a board. A failure of the
+        service is a problem whose `reward` is null, never a score; `retryable` says whether the same request
+        may succeed later.
+        """
         return self._client._call(models.GradeBody, "POST", "/v1/grade", json=given({"task": task, "suite": suite, "profile": profile, "turns": turns, "log": log, "answer": answer, "reward": reward, "detail": detail, "deadline_ms": deadline_ms}), is_repeatable=True)
 
     def grade_structure(self, file: bytes, *, task: str, suite: str | None = None, corner: str | None = None, reward: str | None = None, detail: str | None = None) -> models.GradeBody:
-        """Grade a structure file."""
+        """The body is the bytes of the file (`.nbt`, `.schem` or `.litematic`), for a task of one turn. For tasks of
+        several turns, send a file for each turn to `/v1/grade`. A file does not tell in which order its
+        blocks were placed, so checks of planning are left out, and `not_measured` lists them.
+        """
         return self._client._call(models.GradeBody, "POST", "/v1/grade:structure", content=file, params={"task": task, "suite": suite, "corner": corner, "reward": reward, "detail": detail}, is_repeatable=True)
 
     def openrlhf(self, *, query: Sequence[str], labels: Sequence[str | int | Mapping[str, Any]], prompts: Sequence[str | None] | None = None) -> models.Rewards:
-        """OpenRLHF: reward samples."""
+        """An answer that cannot be graded has reward 0, and so has a sample whose label names no task; `problems` gives
+        the reason. If all labels are wrong, the request is refused. If the service fails to grade one of the
+        samples, the whole request fails with a retryable problem, never a reward.
+        """
         return self._client._call(models.Rewards, "POST", "/get_reward", json=given({"query": query, "prompts": prompts, "labels": labels}), is_repeatable=True)
 
 
@@ -256,43 +309,56 @@ class Runs:
         self._client = client
 
     def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
-        """Get a run's card."""
+        """Its history comes with it."""
         return self._client._call(models.CardBody, "GET", f"/v1/runs/{quoted(id)}/card", params={"prompt": prompt})
 
     def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, card: models.Card | Mapping[str, Any] | None = None, embargo: models.NewEmbargo | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.RunBody:
-        """Create a run."""
+        """A run is one attempt of an agent at a suite. It finishes by itself when every task has been graded."""
         return self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track, "card": card, "embargo": embargo}), once=idempotency_key or new_key())
 
     def delete(self, id: str | UUID) -> models.RunBody:
-        """Delete an open run."""
+        """Its pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its graded
+        submissions stay, and the board still counts it among the runs that the agent has begun. A finished
+        run cannot be deleted; its owner may withdraw it.
+        """
         return self._client._call(models.RunBody, "DELETE", f"/v1/runs/{quoted(id)}")
 
     def finish(self, id: str | UUID, *, skip: Literal["unanswered"] | Sequence[str | int] | None = None) -> models.RunBody:
-        """Finish a run."""
+        """This declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
+        submission count as failed. The run finishes when all its submissions have been graded. The body is
+        optional.
+        """
         return self._client._call(models.RunBody, "POST", f"/v1/runs/{quoted(id)}/finish", json=given({"skip": skip}), is_repeatable=True)
 
     def get(self, id: str | UUID) -> models.RunBody:
-        """Get a run."""
+        """It has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a key
+        that may submit, sees all of it.
+        """
         return self._client._call(models.RunBody, "GET", f"/v1/runs/{quoted(id)}")
 
     def lift_embargo(self, id: str | UUID) -> models.RunBody:
-        """Lift an embargo early."""
+        """From now on the run shows its agent, owner, card and metadata."""
         return self._client._call(models.RunBody, "DELETE", f"/v1/runs/{quoted(id)}/embargo")
 
     def list(self, *, state: Literal["open", "finishing", "finished", "deleted"] | None = None, suite: str | None = None, agent: str | None = None, mine: bool | None = None, since: str | None = None, until: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> models.RunPage:
-        """List runs."""
+        """The latest comes first. `mine=true` selects the runs of the key's owner."""
         return self._client._call(models.RunPage, "GET", "/v1/runs", params={"state": state, "suite": suite, "agent": agent, "mine": mine, "since": since, "until": until, "after": after, "limit": limit})
 
     def put_card(self, id: str | UUID, *, agent_version: str | None = None, harness: models.Harness | Mapping[str, Any] | None = None, model: models.CardModel | Mapping[str, Any] | None = None, system_prompt: models.SystemPrompt | Mapping[str, Any] | None = None, sampling: models.Sampling | Mapping[str, Any] | None = None, tokens: models.Tokens | Mapping[str, Any] | None = None, cost: models.Cost | Mapping[str, Any] | None = None, configuration_sha256: str | None = None, links: Sequence[models.Link | Mapping[str, Any]] | None = None) -> models.CardBody:
-        """Declare what a run was."""
+        """The card has its agent, harness, model, sampling, tokens and cost. It may be edited at any time, also after
+        the run has finished; every version stays in its history.
+        """
         return self._client._call(models.CardBody, "PUT", f"/v1/runs/{quoted(id)}/card", json=given({"agent_version": agent_version, "harness": harness, "model": model, "system_prompt": system_prompt, "sampling": sampling, "tokens": tokens, "cost": cost, "configuration_sha256": configuration_sha256, "links": links}), is_repeatable=True)
 
     def submissions(self, id: str | UUID, *, after: int | None = None, limit: int | None = None) -> models.SubmissionPage:
-        """List a run's submissions."""
+        """They are ordered by task number."""
         return self._client._call(models.SubmissionPage, "GET", f"/v1/runs/{quoted(id)}/submissions", params={"after": after, "limit": limit})
 
     def withdraw(self, id: str | UUID, *, reason: str) -> models.RunBody:
-        """Withdraw a run."""
+        """This cannot be undone. The board lists the run among those withdrawn, with time and reason, and still counts
+        it among the runs that the agent has begun. Its submissions, reports and receipts stay. An open run is
+        deleted instead.
+        """
         return self._client._call(models.RunBody, "POST", f"/v1/runs/{quoted(id)}/withdraw", json=given({"reason": reason}))
 
 
@@ -303,7 +369,9 @@ class Service:
         self._client = client
 
     def blocks(self) -> models.BlockList:
-        """List blocks."""
+        """Each has the properties of its states. Logs under the profile `published` may have other names; an advisory
+        names them.
+        """
         return self._client._call(models.BlockList, "GET", "/v1/blocks")
 
     def health(self) -> models.Health:
@@ -315,7 +383,7 @@ class Service:
         return self._client._call(models.Limits, "GET", "/v1/limits")
 
     def metrics(self) -> str:
-        """Get the metrics."""
+        """They are in the Prometheus text format."""
         return self._client._call(str, "GET", "/metrics")
 
     def openapi(self) -> dict[str, Any]:
@@ -323,15 +391,18 @@ class Service:
         return self._client._call(ANY, "GET", "/openapi.json")
 
     def profiles(self) -> models.ProfileList:
-        """List profiles."""
+        """Each has the functions that action code finds under it."""
         return self._client._call(models.ProfileList, "GET", "/v1/profiles")
 
     def quota(self, *, owner: str | None = None, before: int | None = None, limit: int | None = None) -> models.QuotaBody:
-        """Get a quota."""
+        """A submission is reserved when it is accepted, charged when its report is released, and refunded if it ends
+        without a report because of any failure or a cancellation. `/v1/grade` and `/v1/validate` are not
+        counted.
+        """
         return self._client._call(models.QuotaBody, "GET", "/v1/quota", params={"owner": owner, "before": before, "limit": limit})
 
     def readiness(self) -> models.Health:
-        """Check readiness."""
+        """It can if, within the last second, a transaction was written durably and every table was read."""
         return self._client._call(models.Health, "GET", "/readyz")
 
 
@@ -342,46 +413,59 @@ class Submissions:
         self._client = client
 
     def cancel(self, id: str | UUID) -> models.SubmissionBody:
-        """Cancel a submission."""
+        """It must be queued or being graded. It ends as `cancelled`, and its task may be answered again."""
         return self._client._call(models.SubmissionBody, "POST", f"/v1/submissions/{quoted(id)}/cancel", is_repeatable=True)
 
     def create(self, *, task: str | int, run: str | UUID | None = None, suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.AcceptedBody:
-        """With `Content-Type: application/x-ndjson`, the body has one submission per line: either all are accepted, in
-        one transaction, or none. A run answers each task once; posting the same log again returns the same
-        submission.
+        """The body has the events of each turn. The response is sent once the submission is durable; grading follows.
+        With `Content-Type: application/x-ndjson`, the body has one submission per line: either all are
+        accepted, in one transaction, or none. A run answers each task once; posting the same log again
+        returns the same submission.
         """
         return self._client._call(models.AcceptedBody, "POST", "/v1/submissions", json=given({"run": run, "suite": suite, "task": task, "profile": profile, "turns": turns, "log": log}), once=idempotency_key or new_key())
 
     def get(self, id: str | UUID) -> models.SubmissionBody:
-        """Get a submission."""
+        """It has its state and, once graded, its verdict."""
         return self._client._call(models.SubmissionBody, "GET", f"/v1/submissions/{quoted(id)}")
 
     def log(self, id: str | UUID) -> models.StoredLogBody:
-        """Get a log."""
+        """It is canonical JSON, whose SHA-256 is the log hash."""
         return self._client._call(models.StoredLogBody, "GET", f"/v1/submissions/{quoted(id)}/log")
 
     def replay(self, *, profile: Literal["published", "mindcraft"] | None = None, action_code: str | Sequence[str] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None) -> models.ReplayBody:
-        """Run action code."""
+        """The response has the blocks that it places and removes, and those that stand at the end. Nothing is graded or
+        stored. Code that reaches a limit is refused, and the fault names the limit.
+        """
         return self._client._call(models.ReplayBody, "POST", "/v1/replay", json=given({"profile": profile, "action_code": action_code, "turns": turns}), is_repeatable=True)
 
     def report(self, id: str | UUID, *, attempt: int | None = None) -> models.ReportBody:
-        """Get a report."""
+        """It says what was measured and what was required for each turn, check and criterion, with the cells that show
+        it.
+        """
         return self._client._call(models.ReportBody, "GET", f"/v1/submissions/{quoted(id)}/report", params={"attempt": attempt})
 
     def stress(self, id: str | UUID, *, method: Literal["sph", "fem"] | None = None, turn: int | None = None) -> models.StressBody:
-        """Get a stress field."""
+        """It has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from
+        the log on request, also for tasks without a stress check.
+        """
         return self._client._call(models.StressBody, "GET", f"/v1/submissions/{quoted(id)}/stress", params={"method": method, "turn": turn})
 
     def stress_as(self, id: str | UUID, *, format: Literal["ndjson", "arrays"], method: Literal["sph", "fem"] | None = None, turn: int | None = None) -> str:
-        """Get a stress field."""
+        """It has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from
+        the log on request, also for tasks without a stress check.
+        """
         return self._client._call(str, "GET", f"/v1/submissions/{quoted(id)}/stress", params={"method": method, "turn": turn, "format": format})
 
     def structure(self, id: str | UUID, *, format: Literal["nbt", "schem", "litematic"] | None = None, turn: int | None = None) -> bytes:
-        """Download a build."""
+        """The file has what stands after a turn, for the game and its tools. Blocks have the state in which the game
+        places them by default, because logs name materials; the upper half of a door is recognised.
+        """
         return self._client._call(bytes, "GET", f"/v1/submissions/{quoted(id)}/structure", params={"format": format, "turn": turn})
 
     def validate(self, *, task: str | int, run: str | UUID | None = None, suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None) -> models.ValidatedList:
-        """Check a submission without submitting it."""
+        """It checks everything that posting checks, and reports all faults at once. Nothing is stored or graded, and no
+        quota is used.
+        """
         return self._client._call(models.ValidatedList, "POST", "/v1/validate", json=given({"run": run, "suite": suite, "task": task, "profile": profile, "turns": turns, "log": log}), is_repeatable=True)
 
 
@@ -392,11 +476,11 @@ class Suites:
         self._client = client
 
     def get(self, suite: str, *, seed: int | None = None) -> models.SuiteBody:
-        """Get a suite."""
+        """A Lite suite can be drawn with another `seed`."""
         return self._client._call(models.SuiteBody, "GET", f"/v1/suites/{quoted(suite)}", params={"seed": seed})
 
     def list(self) -> models.SuiteList:
-        """List suites."""
+        """Runs can be created for each of them."""
         return self._client._call(models.SuiteList, "GET", "/v1/suites")
 
 
@@ -407,23 +491,27 @@ class Tasks:
         self._client = client
 
     def agent_guide(self, *, profile: Literal["published", "mindcraft"] | None = None) -> models.AgentGuide:
-        """Get a system prompt for agents."""
+        """A lab can use it as it stands. It describes the world, what an answer must be, limits and functions, and has
+        an example.
+        """
         return self._client._call(models.AgentGuide, "GET", "/v1/agent-guide", params={"profile": profile})
 
     def agent_guide_as(self, *, format: Literal["markdown"], profile: Literal["published", "mindcraft"] | None = None) -> str:
-        """Get a system prompt for agents."""
+        """A lab can use it as it stands. It describes the world, what an answer must be, limits and functions, and has
+        an example.
+        """
         return self._client._call(str, "GET", "/v1/agent-guide", params={"profile": profile, "format": format})
 
     def get(self, task: str, *, for_: Literal["agent"] | None = None, track: Literal["specified", "brief"] | None = None, suite: str | None = None) -> models.TaskBody:
-        """Get a task."""
+        """It comes with its instructions and its checks."""
         return self._client._call(models.TaskBody, "GET", f"/v1/tasks/{quoted(task, safe='/')}", params={"for": for_, "track": track, "suite": suite})
 
     def list(self, *, suite: str | None = None, family: str | None = None, category: Literal["structural-elements", "building-types", "architectural-elements", "construction-management", "civil-engineering"] | None = None, type: str | None = None, criterion: Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"] | None = None, track: Literal["specified", "brief"] | None = None, text: str | None = None, after: int | None = None, limit: int | None = None, scheme: Literal["strict", "shaped", "mean"] | None = None, profile: Literal["published", "mindcraft"] | None = None) -> models.TaskPage:
-        """List tasks."""
+        """They come by number, with filters and paging, or as the data set of a trainer."""
         return self._client._call(models.TaskPage, "GET", "/v1/tasks", params={"suite": suite, "family": family, "category": category, "type": type, "criterion": criterion, "track": track, "text": text, "after": after, "limit": limit, "scheme": scheme, "profile": profile})
 
     def list_as(self, *, format: Literal["trl", "verl", "openrlhf", "nemo-gym", "lm-eval"], suite: str | None = None, family: str | None = None, category: Literal["structural-elements", "building-types", "architectural-elements", "construction-management", "civil-engineering"] | None = None, type: str | None = None, criterion: Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"] | None = None, track: Literal["specified", "brief"] | None = None, text: str | None = None, after: int | None = None, limit: int | None = None, scheme: Literal["strict", "shaped", "mean"] | None = None, profile: Literal["published", "mindcraft"] | None = None) -> str:
-        """List tasks."""
+        """They come by number, with filters and paging, or as the data set of a trainer."""
         return self._client._call(str, "GET", "/v1/tasks", params={"suite": suite, "family": family, "category": category, "type": type, "criterion": criterion, "track": track, "text": text, "after": after, "limit": limit, "format": format, "scheme": scheme, "profile": profile})
 
 
@@ -434,23 +522,25 @@ class Team:
         self._client = client
 
     def create_key(self, name: str, *, scopes: Sequence[Literal["submit", "grade", "read", "admin"]] | None = None, expires_days: int | None = None) -> models.NewKeyBody:
-        """Create a key of a member."""
+        """A member may create keys of its own; the owner's own keys and managers those of everyone. The key of the
+        request needs the scope `submit`. A new key has no scope that it lacks, and does not outlive it.
+        """
         return self._client._call(models.NewKeyBody, "POST", f"/v1/team/members/{quoted(name)}/keys", json=given({"scopes": scopes, "expires_days": expires_days}))
 
     def get(self) -> models.TeamBody:
-        """Get a team."""
+        """It has its members, and the live keys of all."""
         return self._client._call(models.TeamBody, "GET", "/v1/team")
 
     def put_member(self, name: str, *, role: Literal["reader", "submitter", "manager"]) -> models.TeamBody:
-        """Add a member, or change its role."""
+        """A role holds for the member's keys at once. The caller's key must be the owner's own, or a manager's."""
         return self._client._call(models.TeamBody, "PUT", f"/v1/team/members/{quoted(name)}", json=given({"role": role}), is_repeatable=True)
 
     def remove_member(self, name: str) -> models.TeamBody:
-        """Remove a member."""
+        """Its keys are revoked, and the service rejects them within half a second. What they sent stays the owner's."""
         return self._client._call(models.TeamBody, "DELETE", f"/v1/team/members/{quoted(name)}")
 
     def revoke_key(self, id: str | UUID) -> models.TeamBody:
-        """Revoke a key."""
+        """The service rejects it within half a second. A member may revoke keys of its own."""
         return self._client._call(models.TeamBody, "DELETE", f"/v1/team/keys/{quoted(id)}")
 
 
@@ -461,12 +551,14 @@ class Webhooks:
         self._client = client
 
     def change_secret(self, id: str | UUID) -> models.WebhookBody:
-        """Change the secret of a webhook."""
+        """For a day, the one before signs too, so that no message fails meanwhile."""
         return self._client._call(models.WebhookBody, "POST", f"/v1/webhooks/{quoted(id)}/secret")
 
     def create(self, *, url: str, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None) -> models.WebhookBody:
-        """A message is a JSON object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers
-        are `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An
+        """From now on, the service posts each event of the owner's runs and submissions to its URL, by the convention of
+        Standard Webhooks. The caller's key must be the owner's own, or a manager's.  A message is a JSON
+        object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers are
+        `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An
         endpoint that answers with a status from 200 to 299 has received it. After any other answer, or none,
         the service tries again, ten times within three and a half days by default, and then keeps the message
         as dead. 410 disables the webhook. Redirects are not followed.
@@ -474,29 +566,31 @@ class Webhooks:
         return self._client._call(models.WebhookBody, "POST", "/v1/webhooks", json=given({"url": url, "events": events}))
 
     def delete(self, id: str | UUID) -> models.WebhookBody:
-        """Delete a webhook."""
+        """Its deliveries are deleted too."""
         return self._client._call(models.WebhookBody, "DELETE", f"/v1/webhooks/{quoted(id)}")
 
     def deliveries(self, id: str | UUID, *, state: Literal["pending", "delivered", "dead"] | None = None, before: str | None = None, limit: int | None = None) -> models.DeliveryPage:
-        """List deliveries."""
+        """Those that were made are kept for a week, those that were given up for a month."""
         return self._client._call(models.DeliveryPage, "GET", f"/v1/webhooks/{quoted(id)}/deliveries", params={"state": state, "before": before, "limit": limit})
 
     def get(self, id: str | UUID) -> models.WebhookBody:
-        """Get a webhook."""
+        """Its secret is not shown."""
         return self._client._call(models.WebhookBody, "GET", f"/v1/webhooks/{quoted(id)}")
 
     def list(self) -> models.WebhookList:
-        """List webhooks."""
+        """Secrets are not shown."""
         return self._client._call(models.WebhookList, "GET", "/v1/webhooks")
 
     def put(self, id: str | UUID, *, url: str | None = None, events: Sequence[Literal["submission.graded", "submission.rejected", "submission.grader_error", "submission.cancelled", "run.finished", "run.deleted"]] | None = None, enabled: bool | None = None) -> models.WebhookBody:
-        """Change a webhook."""
+        """The body may have a URL, events, and whether it is enabled. What is left out stays as it is."""
         return self._client._call(models.WebhookBody, "PUT", f"/v1/webhooks/{quoted(id)}", json=given({"url": url, "events": events, "enabled": enabled}), is_repeatable=True)
 
     def retry(self, id: str | UUID, delivery: str) -> models.DeliveryBody:
-        """Deliver again."""
+        """It may be one that was delivered or given up; a pending one is tried at once. Message and identifier stay the
+        same.
+        """
         return self._client._call(models.DeliveryBody, "POST", f"/v1/webhooks/{quoted(id)}/deliveries/{quoted(delivery)}/retry")
 
     def test(self, id: str | UUID) -> models.DeliveryBody:
-        """Try a webhook out."""
+        """The service posts a message of type `webhook.test` to it."""
         return self._client._call(models.DeliveryBody, "POST", f"/v1/webhooks/{quoted(id)}/test")

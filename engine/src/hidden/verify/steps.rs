@@ -206,10 +206,10 @@ fn draws(reveal: &Reveal, commitment: &Commitment, issued: &Issued<'_>, stated: 
     }
     let silent = stated.draws.values().filter(|draw| draw.prompts_sha256.is_empty()).count();
     if silent > 0 && commitment.protocol() < FIRST_WITH_PROMPTS {
-        let draws = counted(silent, "draw");
+        let draws = agreeing(silent, "draw lacks", "draws lack");
         found
             .unchecked
-            .push(format!("what was asked: the epoch's protocol did not demand it of receipts, and {draws} lack it"));
+            .push(format!("what was asked: the epoch's protocol did not demand it of receipts, and {draws} it"));
     }
     let owners: BTreeMap<&str, &str> =
         reveal.entries.iter().map(|entry| (entry.id.as_str(), entry.owner.as_deref().unwrap_or_default())).collect();

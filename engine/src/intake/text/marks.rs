@@ -9,7 +9,7 @@ const TAGS: [&str; 7] = ["think", "thinking", "thought", "reasoning", "scratchpa
 const LONGEST: usize = 13;
 
 /// Tokens that enclose thoughts in the raw output of a family of models: the opening one and the closing one.
-const TOKENS: [(&str, &str); 6] = [
+const TOKENS: [(&str, &str); 7] = [
     // Mistral.
     ("[THINK]", "[/THINK]"),
     // Kimi.
@@ -21,6 +21,7 @@ const TOKENS: [(&str, &str); 6] = [
     // Apertus.
     ("<|inner_prefix|>", "<|inner_suffix|>"),
     // Gemma.
+    ("<|channel>thought", "<channel|>"),
     ("<|channel>", "<channel|>"),
 ];
 
@@ -36,6 +37,9 @@ const CHANNEL: &str = "<|channel|>";
 const MESSAGE: &str = "<|message|>";
 /// Most bytes of the head of a Harmony message, which may name a recipient and a format.
 const LONGEST_HEAD: usize = 200;
+
+/// Most bytes of a mark.
+pub const LONGEST_MARK: usize = CHANNEL.len() + LONGEST_HEAD;
 
 /// What a mark means for what stands around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

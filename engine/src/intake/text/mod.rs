@@ -21,7 +21,7 @@ use super::not_json::{message, remedy};
 use crate::text::line_of;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
-use thinking::{why_nothing_is_left, without_thoughts};
+use thinking::{left_out, without_thoughts};
 
 /// The kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,7 +52,7 @@ pub struct FoundAnswer {
 /// # Errors
 /// Returns a human-readable reason if the text holds no answer that can be graded.
 pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String> {
-    let (shown, _) = without_thoughts(text);
+    let (shown, ends_in_thought) = without_thoughts(text);
     let fences = fences(&shown);
     let json = json::logs_in(&shown);
     let mut candidates: Vec<(AnswerKind, Range<usize>)> =
@@ -68,7 +68,13 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     }
     // JSON data within code ends before the code, so the code is chosen.
     let Some((kind, range)) = candidates.iter().max_by_key(|(_, range)| (range.end, range.start)).cloned() else {
-        return Err(why_nothing_is_left(text).unwrap_or_else(|| why_none(&shown, &fences, &json)));
+        let left_out = left_out(text);
+        let is_all = shown.trim().is_empty();
+        return Err(match left_out {
+            Some(why) if is_all || ends_in_thought => why,
+            Some(why) => format!("{}; {why}", why_none(&shown, &fences, &json)),
+            None => why_none(&shown, &fences, &json),
+        });
     };
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),

@@ -35,13 +35,37 @@ const PROMPTS: [(&[&str], &str); 3] = [
 /// Tokens that begin a whole conversation.
 const CONVERSATIONS: [&str; 3] = ["<|begin_of_text|>", "<bos>", "<s>"];
 
-/// Returns where the answer begins in a text that still has its prompt: after the head of its last message.
+/// Returns where the answer begins: after the padding, and in a text that still has its prompt after the head of the last
+/// message that is not empty.
 #[must_use]
-pub fn after_prompt(text: &str) -> usize {
-    let whole = text.trim_start();
-    let begun = CONVERSATIONS.iter().find_map(|token| whole.strip_prefix(token)).unwrap_or(whole).trim_start();
-    let of_prompt = PROMPTS.iter().find(|(heads, _)| heads.iter().any(|head| begun.starts_with(head)));
-    of_prompt.and_then(|(_, answer)| Some(text.rfind(answer)? + answer.len())).unwrap_or(0)
+pub fn before_answer(text: &str) -> usize {
+    let padding = padding(text);
+    let padded = &text[padding..];
+    let of_prompt = PROMPTS.iter().find(|(heads, _)| heads.iter().any(|head| padded.starts_with(head)));
+    let Some((_, head)) = of_prompt else { return padding };
+    // A model that goes on after its message may begin another.
+    let is_empty = |message: &str| {
+        let message = message.trim_start();
+        message.is_empty() || message.starts_with(head) || ENDS.iter().any(|token| message.starts_with(token))
+    };
+    let mut messages = text.rmatch_indices(head).map(|(at, _)| at + head.len());
+    let last = messages.next();
+    let is_answer = |at: &usize| !is_empty(&text[*at..]);
+    last.into_iter().chain(messages).find(is_answer).or(last).unwrap_or(padding)
+}
+
+/// Returns the length of the tokens and the white space before a conversation or message: a tokenizer may begin every text
+/// with the token that ends one, or pad with it.
+fn padding(text: &str) -> usize {
+    let mut rest = text;
+    loop {
+        let next = rest.trim_start();
+        let mut tokens = CONVERSATIONS.iter().chain(&ENDS).chain(&LAST);
+        match tokens.find_map(|token| next.strip_prefix(token)) {
+            Some(after) => rest = after,
+            None => return text.len() - next.len(),
+        }
+    }
 }
 
 /// Returns where the message in a text begins and ends, without the tokens around it.

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::marks::{Bare, Mark, Meaning, bare_channels, marks};
-use super::template::{after_prompt, message};
+use super::marks::{Bare, LONGEST_MARK, Mark, Meaning, bare_channels, marks};
+use super::template::{before_answer, message};
 use crate::text::line_of;
 
 /// Replaces thinking tags, the thoughts between them and the tokens around the message with spaces, which keeps line
@@ -14,7 +14,7 @@ use crate::text::line_of;
 /// message ends the text, unless it stands within a thought.
 #[must_use]
 pub fn without_thoughts(text: &str) -> (String, bool) {
-    let Blanked { shown, unclosed, stray: _ } = blanked(text);
+    let Blanked { shown, unclosed, .. } = blanked(text);
     (shown, unclosed.is_some())
 }
 
@@ -25,17 +25,18 @@ struct Blanked {
     unclosed: Option<Mark>,
     /// The last mark that ends a thought which no mark began.
     stray: Option<Mark>,
+    /// The mark that ends the message, if something follows it.
+    ended: Option<Mark>,
 }
 
 fn blanked(text: &str) -> Blanked {
     let mut shown = text.as_bytes().to_vec();
     let (begin, mut opened) = match bare_channels(text) {
-        None => (after_prompt(text), None),
+        None => (before_answer(text), None),
         Some(Bare::Answer(at)) => (at, None),
         Some(Bare::Thought(mark)) => (text.len(), Some(mark)),
     };
-    let mut end = text.len();
-    let mut stray = None;
+    let (mut ended, mut stray) = (None, None);
     // Everything before it is blank.
     let mut erased = begin;
     blank(&mut shown, 0..begin);
@@ -63,7 +64,7 @@ fn blanked(text: &str) -> Blanked {
                 opened = None;
             }
             (None, Meaning::Ends) => {
-                end = mark.begin;
+                ended = Some(mark);
                 break;
             }
         }
@@ -71,10 +72,13 @@ fn blanked(text: &str) -> Blanked {
     if let Some(open) = &opened {
         blank(&mut shown, open.begin..text.len());
     }
-    blank(&mut shown, end..text.len());
+    if let Some(mark) = &ended {
+        blank(&mut shown, mark.begin..text.len());
+    }
+    let ended = ended.filter(|mark| !text[mark.end..].trim().is_empty());
     // Each byte of a blanked character became a space, so the text is still valid UTF-8.
     let shown = String::from_utf8(shown).expect("whole characters are blanked");
-    Blanked { shown: without_tokens_around(shown), unclosed: opened, stray }
+    Blanked { shown: without_tokens_around(shown), unclosed: opened, stray, ended }
 }
 
 /// Replaces the tokens around the message with spaces.
@@ -99,26 +103,30 @@ fn blank(bytes: &mut [u8], range: Range<usize>) {
     }
 }
 
-/// Explains that a text ends within a thought, or that nothing follows its thoughts; none if something follows them.
+/// Explains why a text was not read to its end, or not from its beginning: a thought that is never closed, the tag that
+/// ends a thought which none began, or the token that ends the message. None if only thoughts with both tags were left
+/// out.
 #[must_use]
-pub fn why_nothing_is_left(text: &str) -> Option<String> {
-    let Blanked { shown, unclosed, stray } = blanked(text);
-    let told = |mark: Mark| format!("{} in line {}", &text[mark.begin..mark.end], line_of(text, mark.begin));
+pub fn left_out(text: &str) -> Option<String> {
+    let Blanked { shown, unclosed, stray, ended } = blanked(text);
+    let named = |mark: Mark| format!("{} in line {}", &text[mark.begin..mark.end], line_of(text, mark.begin));
     if let Some(open) = unclosed {
-        return Some(format!("the answer ends inside a thinking tag that is never closed: {}", told(open)));
+        return Some(format!("the answer ends inside a thinking tag that is never closed: {}", named(open)));
     }
-    let close = stray.filter(|_| shown.trim().is_empty())?;
-    Some(format!("everything before {} was taken for thoughts, and no answer follows", told(close)))
+    if let Some(close) = stray {
+        let follows = if shown.trim().is_empty() { ", and no answer follows" } else { "" };
+        return Some(format!("everything before {} was taken for thoughts{follows}", named(close)));
+    }
+    ended.map(|end| format!("everything after {} was left out", named(end)))
 }
 
 /// Returns the opening tag at the end of a prompt, which the answer to it goes on from.
 #[must_use]
 pub fn opened_at_the_end(prompt: &str) -> Option<&str> {
     let prompt = prompt.trim_end();
-    let last = prompt.rfind(['<', '[', '◁'])?;
-    let opening = &prompt[last..];
-    let mark = marks(opening).next().filter(|mark| mark.begin == 0 && mark.opens())?;
-    (mark.end == opening.len()).then_some(opening)
+    let end = &prompt[prompt.ceil_char_boundary(prompt.len().saturating_sub(LONGEST_MARK))..];
+    let last = marks(end).last().filter(|mark| mark.opens() && mark.end == end.len())?;
+    Some(&end[last.begin..])
 }
 
 /// Returns whether a text begins with a thought.
@@ -132,7 +140,7 @@ pub fn begins_with_thought(text: &str) -> bool {
 /// loses the spaces around it. A tag that is never closed stays, so that whoever reads the rest can tell.
 #[must_use]
 pub fn thoughts_removed(text: &str) -> String {
-    let Blanked { shown, unclosed, stray: _ } = blanked(text);
+    let Blanked { shown, unclosed, .. } = blanked(text);
     let (end, tag) = unclosed.map_or((text.len(), ""), |tag| (tag.begin, &text[tag.begin..tag.end]));
     let (text, shown) = (&text[..end], &shown[..end]);
     let mut kept = String::new();
@@ -174,9 +182,13 @@ mod tests {
             "|>",
             "</think>",
             "<think>",
+            "<|im_start|>assistant",
+            "<|im_start|>assistant\n<|im_end|>",
         ] {
-            let text = format!("a {}", mark.repeat(MARKS));
-            assert_eq!(without_thoughts(&text).0.len(), text.len());
+            for before in ["a ", "", "<|im_start|>user"] {
+                let text = format!("{before}{}", mark.repeat(MARKS));
+                assert_eq!(without_thoughts(&text).0.len(), text.len());
+            }
         }
         let long = format!("<|channel|>analysis{}", "é".repeat(200));
         assert_eq!(shown(&long), (String::new(), true));
@@ -223,22 +235,37 @@ mod tests {
                 "<|im_start|>system\na<|im_end|>\n<|im_start|>user\nb<|im_end|>\n<|im_start|>assistant\nc<|im_end|>",
                 ("c", false),
             ),
+            ("<|endoftext|>b", ("b", false)),
+            ("<|eot_id|> <|eot_id|>\n<think>a</think>b", ("b", false)),
+            ("<|endoftext|><|im_start|>assistant\nb<|endoftext|>c", ("b", false)),
+            ("<pad><pad><bos><start_of_turn>user\na<end_of_turn>\n<start_of_turn>model\nb<end_of_turn>", ("b", false)),
+            ("<|endoftext|><|endoftext|><|im_start|>user\na<|im_end|>\n<|im_start|>assistant\nb", ("b", false)),
+            (
+                "<|im_start|>user\na<|im_end|>\n<|im_start|>assistant\nb<|im_end|>\n<|im_start|>assistant\n",
+                ("b", false),
+            ),
+            ("<|im_start|>user\na<|im_end|>\n<|im_start|>assistant\n<|im_end|>", ("", false)),
             ("analysisWe need to build.", ("", true)),
             ("analysis: b", ("analysis: b", false)),
         ] {
             assert_eq!(shown(text), (expected.0.to_owned(), expected.1), "{text}");
         }
-        assert!(
-            why_nothing_is_left("a\n<Thinking>b")
-                .is_some_and(|why| why.ends_with("never closed: <Thinking> in line 2"))
-        );
-        assert!(
-            why_nothing_is_left("a\n\nb [/THINK] ").is_some_and(|why| why.contains("before [/THINK] in line 3 was"))
-        );
-        assert_eq!(why_nothing_is_left("a</think>b"), None);
+        for (text, why) in [
+            ("a\n<Thinking>b", "the answer ends inside a thinking tag that is never closed: <Thinking> in line 2"),
+            ("a\n\nb [/THINK] ", "everything before [/THINK] in line 3 was taken for thoughts, and no answer follows"),
+            ("a</think>b", "everything before </think> in line 1 was taken for thoughts"),
+            ("a\n<|im_end|>\nb", "everything after <|im_end|> in line 2 was left out"),
+        ] {
+            assert_eq!(left_out(text).as_deref(), Some(why));
+        }
+        assert_eq!(left_out("<think>a</think>b<|im_end|>\n"), None);
         assert_eq!(opened_at_the_end("user: build\nassistant: <think>\n"), Some("<think>"));
-        assert_eq!(opened_at_the_end("<think>plan</think>"), None);
+        assert_eq!(opened_at_the_end("é<think>plan</think>"), None);
+        let channel = "<|channel|>analysis<|message|>";
+        assert_eq!(opened_at_the_end(&format!("{}<|start|>assistant{channel}", "é".repeat(500))), Some(channel));
+        assert_eq!(opened_at_the_end("<|start|>assistant<|channel|>final<|message|>"), None);
         assert_eq!(opened_at_the_end("<think> a"), None);
+        assert_eq!(opened_at_the_end("<start_of_turn>model\n<|channel>thought\n"), Some("<|channel>thought"));
         assert!(
             begins_with_thought(" [THINK]a") && !begins_with_thought("a <think>") && !begins_with_thought("</think>")
         );

@@ -92,8 +92,9 @@ pub struct SessionAnswer {
     resources_session_id: Option<String>,
 }
 
-/// Begins a session. Nothing is kept between calls, so the response only repeats the session's id, if the request has
-/// one.
+/// Begins a session.
+///
+/// Nothing is kept between calls, so the response only repeats the session's id, if the request has one.
 #[utoipa::path(
     post, path = "/seed_session", operation_id = "seed_session", tag = "rewards", summary = "NeMo Gym: begin a session",
     request_body(content = SessionRequest, content_type = "application/json"),
@@ -106,7 +107,9 @@ pub async fn seed_session(caller: Caller, body: JsonBody) -> AppResult<Response>
     session(&body)
 }
 
-/// Ends a session. Nothing was kept, so it may end more than once, or without having begun.
+/// Ends a session.
+///
+/// Nothing was kept, so it may end more than once, or without having begun.
 #[utoipa::path(
     post, path = "/close_session", operation_id = "close_session", tag = "rewards", summary = "NeMo Gym: end a session",
     request_body(content = SessionRequest, content_type = "application/json"),
@@ -128,7 +131,9 @@ fn session(body: &JsonBody) -> AppResult<Response> {
     Ok((cookie, Json(json!({ "resources_session_id": id }))).into_response())
 }
 
-/// Returns whether a response may be verified again. It may, with the same result.
+/// Returns whether a response may be verified again.
+///
+/// It may, with the same result.
 #[utoipa::path(
     get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: get reverification mode",
     responses(
@@ -139,11 +144,12 @@ pub async fn reverify_mode() -> Json<&'static str> {
     Json("stateless")
 }
 
-/// Grades a model's response, as NeMo Gym requests it from a resources server. The last complete answer in the
-/// assistant's messages counts: a block log as JSON, or action code. If the task has several turns, the last messages
-/// with an answer give one turn each. An answer that cannot be graded has reward 0 and a `failure_reason`; a failure of
-/// the service is a problem, never a reward. The criteria are also at the top level (`reward_material`, …), where the
-/// framework averages them.
+/// Grades a model's response, as NeMo Gym requests it from a resources server.
+///
+/// The last complete answer in the assistant's messages counts: a block log as JSON, or action code. If the task has
+/// several turns, the last messages with an answer give one turn each. An answer that cannot be graded has reward 0
+/// and a `failure_reason`; a failure of the service is a problem, never a reward. The criteria are also at the top
+/// level (`reward_material`, …), where the framework averages them.
 #[utoipa::path(
     post, path = "/verify", operation_id = "verify", tag = "rewards", summary = "NeMo Gym: verify a response",
     request_body(content = VerifyRequest, content_type = "application/json", example = json!({

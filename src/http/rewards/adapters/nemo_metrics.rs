@@ -34,7 +34,9 @@ pub struct AggregateMetrics {
     pub key_metrics: Map<String, Value>,
 }
 
-/// Computes statistics of verified rows, as NeMo Gym requests them from a resources server after an evaluation.
+/// Computes statistics of verified rows.
+///
+/// NeMo Gym requests them from a resources server after an evaluation.
 #[utoipa::path(
     post, path = "/aggregate_metrics", operation_id = "aggregate_metrics", tag = "rewards",
     summary = "NeMo Gym: compute statistics of verified rows",

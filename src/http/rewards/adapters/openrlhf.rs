@@ -101,10 +101,11 @@ pub struct SampleProblem {
     pub faults: Vec<FaultBody>,
 }
 
-/// Grades a model's answers, as OpenRLHF requests it from a remote reward model. An answer that cannot be graded has
-/// reward 0, and so has a sample whose label names no task; `problems` gives the reason. If all labels are wrong, the
-/// request is refused. If the service fails to grade one of the samples, the whole request fails with a retryable
-/// problem, never a reward.
+/// Grades a model's answers, as OpenRLHF requests it from a remote reward model.
+///
+/// An answer that cannot be graded has reward 0, and so has a sample whose label names no task; `problems` gives the
+/// reason. If all labels are wrong, the request is refused. If the service fails to grade one of the samples, the
+/// whole request fails with a retryable problem, never a reward.
 #[utoipa::path(
     post, path = "/get_reward", operation_id = "get_reward", tag = "rewards", summary = "OpenRLHF: reward samples",
     request_body(content = RewardQuery, content_type = "application/json"),

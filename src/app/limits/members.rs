@@ -1,21 +1,8 @@
-//! All limits of the service, in one file: enforced where named, and served at `/v1/limits`.
+//! The limits by name, each with its unit.
 
 use serde::Serialize;
 
-use crate::actions::{ACTION_LIMITS, AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
-use crate::formats::{MAX_AXIS, MAX_AXIS_WRITTEN, MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_NAME, MAX_TEXTS, MAX_VALUES};
-use crate::pictures::isometric::MOST as MOST_SHOWN;
-use crate::store::episodes::KEPT_DAYS;
-use crate::store::job_ends::MAX_ATTEMPTS;
-use crate::store::keys::LIVE_KEYS;
-use plumbline_engine::checks::evidence::{MAX_CHARS, MAX_ITEMS};
-use plumbline_engine::game::world::{BLOCK_LIMIT, MAX_VOLUME};
-use plumbline_engine::game::{MAX_COMMAND_CHARS, MAX_DISTANCE, MAX_FOUND};
-use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::text::WASTE_BYTES;
-use plumbline_engine::intake::{LogLimits, MAX_FILES};
-use plumbline_engine::voxel::cell;
-use plumbline_engine::voxel::terrain::MAX_EXTENT;
+use plumbline_engine::intake::LogLimits;
 
 /// Limits of the service. Sizes are those of the decompressed body.
 #[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
@@ -105,7 +92,7 @@ pub struct Limits {
     pub answer_search_bytes: usize,
     /// Bytes of the path and the query of a request.
     pub path_bytes: usize,
-    /// Bytes of a request before its body: request line and headers.
+    /// Bytes of the request line and the headers that a request may have in any case; twice as many are refused.
     pub head_bytes: usize,
     /// Headers of a request.
     pub headers: usize,
@@ -261,130 +248,6 @@ pub struct Limits {
     /// Attempts to grade a submission before it ends as `grader_error`.
     pub grading_attempts: i64,
 }
-
-/// Default limits. Those in force are [`App::limits`](crate::app::App::limits), of which `serve` sets four.
-pub const LIMITS: Limits = Limits {
-    body_bytes: 32 << 20,
-    bodies_in_memory_bytes: 512 << 20,
-    form_bytes: 16 << 10,
-    json_depth: 126,
-    ndjson_lines: 1_000,
-    turns: 64,
-    events: ACTION_LIMITS.events,
-    blocks: 100_000,
-    blocks_with_stress: 50_000,
-    stress_fields_at_once: 2,
-    stress_fields_per_sender: 1,
-    stress_fields_waiting: 64,
-    stress_fields_waiting_per_sender: 8,
-    stress_cache_bytes: 64 << 20,
-    stress_wait_seconds: 5,
-    stress_seconds: 50,
-    materials: ACTION_LIMITS.materials,
-    material_chars: ACTION_LIMITS.material_chars,
-    horizontal: cell::MAX_HORIZONTAL,
-    min_y: cell::MIN_Y,
-    max_y: cell::MAX_Y,
-    agent_chars: 100,
-    metadata_bytes: 16 << 10,
-    card_prompt_bytes: 64 << 10,
-    card_versions: 100,
-    team_members: 100,
-    live_keys: LIVE_KEYS,
-    webhooks: 10,
-    webhook_url_chars: 2_000,
-    webhook_pending: 1_000,
-    webhook_seconds: 15,
-    webhook_delivered_days: 7,
-    webhook_dead_days: 30,
-    embargo_days: 365,
-    idempotency_key_bytes: 200,
-    page_items: 1_000,
-    faults_listed: Faults::KEPT,
-    all_faults_bytes: 64 << 10,
-    query_parameters: 200,
-    metric_names: 1_000,
-    answer_search_bytes: WASTE_BYTES,
-    head_bytes: 128 << 10,
-    // The HTTP library's own, which it is not told.
-    path_bytes: 65_534,
-    headers: 100,
-    header_seconds: 10,
-    request_seconds: 60,
-    requests_per_second_per_key: 100_000,
-    requests_per_second_per_address: 100_000,
-    event_streams: 1_000,
-    event_streams_per_sender: 100,
-    connections: 18_000,
-    connections_per_address: 16_500,
-    write_seconds: 30,
-    grade_batch_logs: 10_000,
-    grade_inline_checks: 64,
-    grade_inline_checks_in_all: 1_024,
-    grade_inline_list_items: 64,
-    grade_inline_bytes: 1 << 20,
-    grade_batches: 64,
-    grade_batches_per_sender: 16,
-    grade_batch_wait_seconds: 60,
-    grades_waiting: 20_000,
-    grades_waiting_per_sender: 16_384,
-    grade_default_deadline_ms: 10_000,
-    grade_max_deadline_ms: 50_000,
-    grade_code_seconds: 50,
-    grade_cache_bytes: 64 << 20,
-    action_code_bytes: ACTION_LIMITS.code_bytes,
-    action_files: MAX_FILES,
-    action_log_lines: ACTION_LIMITS.log_lines,
-    action_log_bytes: ACTION_LIMITS.log_bytes,
-    action_virtual_ms: ACTION_LIMITS.virtual_ms,
-    action_timers_ms: AFTERWARDS_MS,
-    action_errors: MOST_ERRORS,
-    action_notes: MOST_NOTES,
-    action_note_chars: NOTE_CHARS,
-    action_stack_bytes: ACTION_LIMITS.stack_bytes,
-    action_stack_bytes_mindcraft: STACK_BYTES,
-    action_search_blocks: MAX_DISTANCE as u32,
-    action_search_found: MAX_FOUND,
-    action_command_chars: MAX_COMMAND_CHARS,
-    action_fill_blocks: BLOCK_LIMIT as usize,
-    action_fill_visited: MAX_VOLUME,
-    replay_bytes: 32 << 20,
-    episodes_per_owner: 1_000,
-    episode_seconds: 24 * 60 * 60,
-    episode_kept_days: KEPT_DAYS,
-    episode_steps: 1_000,
-    episode_bytes: 16 << 20,
-    episode_events: 2_000,
-    episode_view_cells: 32_768,
-    picture_blocks: 10_000,
-    page_picture_blocks: MOST_SHOWN,
-    picture_pixels: 768,
-    structure_bytes: MAX_BYTES,
-    structure_cells: MAX_CELLS,
-    structure_values: MAX_VALUES,
-    structures_in_body: 64,
-    structure_axis_cells: MAX_AXIS,
-    structure_axis_cells_written: MAX_AXIS_WRITTEN,
-    structure_name_bytes: MAX_NAME,
-    structure_depth: MAX_DEPTH,
-    structure_texts: MAX_TEXTS,
-    structures_at_once: 2,
-    action_cpu_ms: ACTION_LIMITS.cpu_ms,
-    action_wall_ms: ACTION_LIMITS.wall_ms,
-    action_memory_bytes: ACTION_LIMITS.memory_bytes,
-    action_body_events: 2_000_000,
-    // As many as may be graded: trainers send all rollouts of a step at once, each as a request of its own.
-    action_requests: 20_000,
-    action_requests_per_sender: 16_384,
-    entry_runs: 16,
-    nonce_min_chars: 16,
-    nonce_max_chars: 128,
-    strict_extent: MAX_EXTENT,
-    finding_items: MAX_ITEMS,
-    finding_chars: MAX_CHARS,
-    grading_seconds: 600,
-    grading_attempts: MAX_ATTEMPTS,
-};
 
 impl Limits {
     /// Returns the limits that reading a log needs.
