@@ -40,8 +40,8 @@ pub enum Command {
     Teleport {
         /// Position to go to.
         to: Coordinates,
-        /// Direction to look to afterwards, in degrees: yaw and pitch.
-        view: Option<[f64; 2]>,
+        /// Where to look afterwards; none to look where the body looks.
+        view: Option<View>,
     },
     /// `/gamerule commandModificationBlockLimit N`.
     BlockLimit {
@@ -62,14 +62,49 @@ pub enum Command {
 /// A step of `/execute` that says where a command is carried out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
-    /// Where the body is.
+    /// Where the body is, looking where it looks.
     AtBody,
+    /// Where the body is.
+    PositionedAsBody,
+    /// Looking where the body looks.
+    RotatedAsBody,
     /// At a position.
     Positioned(Coordinates),
-    /// Looking in a direction, in degrees: yaw and pitch.
-    Rotated([f64; 2]),
+    /// Looking in a direction: yaw and pitch.
+    Rotated([Angle; 2]),
+    /// Coordinates with `^` begin at the eyes, or at the feet.
+    Anchored {
+        /// Whether it is the eyes.
+        at_eyes: bool,
+    },
     /// At the corner of the block, along these axes.
     Aligned([bool; 3]),
+}
+
+/// Where to look.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum View {
+    /// In a direction: yaw and pitch.
+    Angles([Angle; 2]),
+    /// From the feet towards a position.
+    Facing(Coordinates),
+}
+
+/// An angle in degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Angle {
+    /// The angle, or what is added to the one that the body has.
+    pub degrees: f64,
+    /// Whether it is added.
+    pub is_relative: bool,
+}
+
+impl Angle {
+    /// Returns the angle, given the one that the body has.
+    #[must_use]
+    pub fn from(self, own: f64) -> f64 {
+        if self.is_relative { own + self.degrees } else { self.degrees }
+    }
 }
 
 /// Mode of `/setblock`.

@@ -18,15 +18,24 @@ pub struct Place {
     pub yaw: f64,
     /// Direction up and down: 90 is straight down.
     pub pitch: f64,
+    /// Height above the position from which coordinates with `^` count, in blocks: 0 at the feet.
+    pub anchor: f64,
 }
 
 impl Default for Place {
     fn default() -> Self {
-        Self { position: [0.0; 3], yaw: 0.0, pitch: 0.0 }
+        Self { position: [0.0; 3], yaw: 0.0, pitch: 0.0, anchor: 0.0 }
     }
 }
 
 impl Place {
+    /// Returns the direction in degrees, yaw and pitch, from the feet to a position.
+    #[must_use]
+    pub fn towards(&self, target: [f64; 3]) -> [f64; 2] {
+        let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| target[axis] - self.position[axis]);
+        [z.atan2(x).to_degrees() - 90.0, -y.atan2(x.hypot(z)).to_degrees()]
+    }
+
     /// Returns the horizontal side to which the view is nearest.
     #[must_use]
     pub fn facing(&self) -> Side {
@@ -139,7 +148,8 @@ fn from_view(at: &Place, [left, up, forwards]: [f64; 3]) -> [f64; 3] {
     // The server's table of sines has no errors of rounding at right angles.
     let whole = |value: f64| (value * 1e9).round() / 1e9;
     std::array::from_fn(|axis| {
-        whole(at.position[axis] + ahead[axis] * forwards + above[axis] * up + aside[axis] * left)
+        let anchor = if axis == 1 { at.anchor } else { 0.0 };
+        whole(at.position[axis] + anchor + ahead[axis] * forwards + above[axis] * up + aside[axis] * left)
     })
 }
 

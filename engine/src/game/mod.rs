@@ -15,6 +15,7 @@ mod region;
 pub mod registry;
 mod search;
 mod server;
+mod shapes;
 pub mod side;
 mod support;
 mod tags;

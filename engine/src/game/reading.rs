@@ -1,6 +1,6 @@
 //! Commands as a player types them (`/setblock 0 0 0 stone`), read into what they ask for.
 
-use super::command::{CloneFilter, CloneMode, Command, FillMode, SetMode, Step};
+use super::command::{CloneFilter, CloneMode, Command, FillMode, SetMode, Step, View};
 use super::refusal::Refusal;
 use super::words::Words;
 
@@ -187,10 +187,9 @@ fn teleport(words: &mut Words<'_>) -> Result<Command, Refusal> {
             if words.rest.is_some_and(|rest| rest.starts_with("entity ")) {
                 return Err(Refusal::new("facing an entity is not simulated"));
             }
-            words.coordinates()?;
-            None
+            Some(View::Facing(words.coordinates()?))
         }
-        Some(_) => Some(words.rotation()?),
+        Some(_) => Some(View::Angles(words.rotation()?)),
     };
     words.end()?;
     Ok(Command::Teleport { to, view })
@@ -198,26 +197,45 @@ fn teleport(words: &mut Words<'_>) -> Result<Command, Refusal> {
 
 /// Returns whether a target means the only body.
 fn is_body(target: &str) -> bool {
-    target.starts_with("@s") || target.starts_with("@p") || target.starts_with("@a") || target == "builder"
+    let is_player = |target: &str| target.contains("type=player") || target.contains("type=minecraft:player");
+    let is_named = ["@s", "@p", "@a"].iter().any(|selector| target.starts_with(selector)) || target == "builder";
+    is_named || ["@e[", "@n["].iter().any(|selector| target.starts_with(selector)) && is_player(target)
 }
 
 /// `/execute` with the parts that keep the body and the world. Commands that it runs may be `/execute` again.
 fn execute(words: &mut Words<'_>) -> Result<Command, Refusal> {
     let mut steps = Vec::new();
     loop {
-        match words.next("'run'")? {
+        let name = words.next("'run'")?;
+        match name {
             "as" => of_body(words)?,
             "at" => {
                 of_body(words)?;
                 steps.push(Step::AtBody);
             }
-            "anchored" => {
-                words.next("an anchor")?;
-            }
+            "anchored" => steps.push(Step::Anchored {
+                at_eyes: match words.next("an anchor")? {
+                    "eyes" => true,
+                    "feet" => false,
+                    other => return Err(Refusal::new(format!("invalid entity anchor position '{other}'"))),
+                },
+            }),
             "in" => overworld(words.next("a dimension")?)?,
             "align" => {
                 let axes = words.next("axes")?;
+                let is_twice = |axis: char| axes.matches(axis).count() > 1;
+                if axes.is_empty() || axes.chars().any(|axis| !"xyz".contains(axis) || is_twice(axis)) {
+                    return Err(Refusal::new(format!(
+                        "invalid swizzle '{axes}', expected a combination of x, y and z"
+                    )));
+                }
                 steps.push(Step::Aligned(["x", "y", "z"].map(|axis| axes.contains(axis))));
+            }
+            "rotated" | "positioned" if words.rest.is_some_and(|rest| rest.starts_with("as ")) => {
+                let is_position = name == "positioned";
+                words.next("as")?;
+                of_body(words)?;
+                steps.push(if is_position { Step::PositionedAsBody } else { Step::RotatedAsBody });
             }
             "rotated" => steps.push(Step::Rotated(words.rotation()?)),
             "positioned" => steps.push(Step::Positioned(words.coordinates()?)),
@@ -293,6 +311,9 @@ mod tests {
             ("tp Steve 1 2 3", "no player was found for 'Steve'"),
             ("tp @s 1 2 3 garbage", "expected a coordinate"),
             ("execute as Steve run say hi", "no entity was found"),
+            ("execute anchored nose run say hi", "invalid entity anchor position 'nose'"),
+            ("execute align xq run say hi", "invalid swizzle 'xq'"),
+            ("fill 0 0 0 1 1 1 stone replace chest{Lock:\"x\"}", "block data in a filter is not simulated"),
             ("fly 3", "unknown command 'fly'"),
             ("", "unknown command ''"),
         ] {

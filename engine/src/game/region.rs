@@ -3,6 +3,7 @@
 use super::command::{CloneFilter, CloneMode, FillMode};
 use super::refusal::Refusal;
 use super::registry::Look;
+use super::shapes::order_of_copy;
 use super::world::World;
 use crate::voxel::cell::Cell;
 
@@ -101,29 +102,22 @@ pub fn clone(
         CloneFilter::Masked => !look.state.is_air(),
         CloneFilter::Filtered(filter) => filter.accepts(look.state),
     };
-    let originals: Vec<(Cell, Look)> =
+    let mut originals: Vec<(Cell, Look)> =
         from.cells().map(|cell| (cell, world.look(cell))).filter(|(_, look)| is_copied(*look)).collect();
     if mode == CloneMode::Move {
         for (cell, _) in &originals {
             world.set(*cell, Look::AIR);
         }
     }
-    // The server sets full cubes first, so that what hangs on them finds them.
-    let (full, others): (Vec<_>, Vec<_>) = originals.iter().partition(|(_, look)| is_full_cube(*look));
+    // The server sets full cubes first, so that what hangs on them finds them, and before the rest blocks with data of their
+    // own.
+    originals.sort_by_key(|(_, look)| order_of_copy(*look));
     let count = originals.len();
-    for (cell, look) in full.into_iter().chain(others) {
+    for (cell, look) in originals {
         let target = cell.offset(to.x - from.min.x, to.y - from.min.y, to.z - from.min.z);
         world.set(target, look);
     }
     if count == 0 { Err(Refusal::new("no blocks were cloned")) } else { Ok(count) }
-}
-
-/// Returns whether a block fills its cell.
-fn is_full_cube(look: Look) -> bool {
-    let block = look.state.block();
-    let is_clear =
-        ["glass", "_leaves", "ice"].iter().any(|part| block.name.contains(part)) && !block.name.ends_with("_pane");
-    block.is_solid() && (!block.is_transparent() || is_clear)
 }
 
 #[cfg(test)]

@@ -1,12 +1,15 @@
 //! Commands carried out in a world, as a vanilla server does.
 
-use super::command::{Command, SetMode, Step};
+use super::command::{Command, SetMode, Step, View};
 use super::coordinates::Place;
 use super::refusal::Refusal;
 use super::region;
 use super::registry::Look;
 use super::world::World;
 use crate::voxel::cell::Cell;
+
+/// Height of the eyes of the body above its feet, in blocks.
+const EYES: f64 = 1.62;
 
 impl World {
     /// Carries out a command given without its slash, and returns the number of blocks that it changed.
@@ -41,9 +44,12 @@ impl World {
                     return Err(Refusal::new("invalid position for teleport"));
                 }
                 self.body.position = position;
-                if let Some([yaw, pitch]) = view {
-                    (self.body.yaw, self.body.pitch) = (*yaw, *pitch);
-                }
+                let [yaw, pitch] = match view {
+                    None => [self.body.yaw, self.body.pitch],
+                    Some(View::Angles([yaw, pitch])) => [yaw.from(self.body.yaw), pitch.from(self.body.pitch)],
+                    Some(View::Facing(target)) => self.body.towards(target.position(at)),
+                };
+                (self.body.yaw, self.body.pitch) = (yaw, pitch);
                 Ok(0)
             }
             Command::BlockLimit { blocks } => {
@@ -60,9 +66,12 @@ impl World {
 
     fn after(&self, place: Place, step: Step) -> Place {
         match step {
-            Step::AtBody => self.body,
-            Step::Positioned(position) => Place { position: position.position(&place), ..place },
-            Step::Rotated([yaw, pitch]) => Place { yaw, pitch, ..place },
+            Step::AtBody => Place { anchor: place.anchor, ..self.body },
+            Step::PositionedAsBody => Place { position: self.body.position, ..place },
+            Step::RotatedAsBody => Place { yaw: self.body.yaw, pitch: self.body.pitch, ..place },
+            Step::Positioned(position) => Place { position: position.position(&place), anchor: 0.0, ..place },
+            Step::Rotated([yaw, pitch]) => Place { yaw: yaw.from(place.yaw), pitch: pitch.from(place.pitch), ..place },
+            Step::Anchored { at_eyes } => Place { anchor: if at_eyes { EYES } else { 0.0 }, ..place },
             Step::Aligned(axes) => {
                 let aligned =
                     |axis: usize| if axes[axis] { place.position[axis].floor() } else { place.position[axis] };
@@ -120,6 +129,21 @@ mod tests {
         world.command("setblock 0 -1 0 stone").unwrap();
         assert_eq!(told(&world), ["stone@0,0,0", "stone@0,-1,0"]);
         assert_eq!(world.built().count(), 2);
+    }
+
+    #[test]
+    fn a_body_turns_and_commands_count_from_it() {
+        for (commands, at) in [
+            (["tp @s 0 0 0 facing 10 0 0.5", "setblock ^ ^ ^2 stone"], "stone@2,0,0"),
+            (["tp @s 0 0 0 facing 0.5 9 0.5", "setblock ^ ^ ^2 stone"], "stone@0,2,0"),
+            (["tp @s ~ ~ ~ ~90 ~", "setblock ^ ^ ^2 stone"], "stone@-2,0,0"),
+            (["tp @s 5 0 5", "execute positioned as @s rotated as @s run setblock ^ ^ ^1 stone"], "stone@5,0,6"),
+            (["tp @s 0 0 0", "execute anchored eyes run setblock ^ ^ ^3 stone"], "stone@0,1,3"),
+            (["tp @s 0 0 0", "execute anchored eyes positioned 0 0 0 run setblock ^ ^ ^3 stone"], "stone@0,0,3"),
+            (["tp @s 0 0 0", "execute rotated ~90 ~ run setblock ^ ^ ^1 stone"], "stone@-1,0,0"),
+        ] {
+            assert_eq!(told(&after(&commands)), [at], "{commands:?}");
+        }
     }
 
     #[test]

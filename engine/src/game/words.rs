@@ -1,5 +1,6 @@
 //! The text of a command, read word by word.
 
+use super::command::Angle;
 use super::coordinates::{Coordinates, number};
 use super::filter::{Filter, Members};
 use super::refusal::Refusal;
@@ -30,8 +31,14 @@ impl<'t> Words<'t> {
     }
 
     /// Takes two angles in degrees.
-    pub fn rotation(&mut self) -> Result<[f64; 2], Refusal> {
-        Ok([number(self.next("an angle")?)?, number(self.next("an angle")?)?])
+    pub fn rotation(&mut self) -> Result<[Angle; 2], Refusal> {
+        Ok([self.angle()?, self.angle()?])
+    }
+
+    fn angle(&mut self) -> Result<Angle, Refusal> {
+        let word = self.next("an angle")?;
+        let (digits, is_relative) = word.strip_prefix('~').map_or((word, false), |rest| (rest, true));
+        Ok(Angle { degrees: number(digits)?, is_relative })
     }
 
     /// Takes the name of a block with its properties, which may contain spaces, and skips its data.
@@ -74,7 +81,11 @@ impl<'t> Words<'t> {
 
     /// Takes a block or a tag as a filter.
     pub fn filter(&mut self) -> Result<Filter, Refusal> {
+        let text = self.rest.unwrap_or_default();
         let (name, pairs) = self.block_text()?;
+        if text[..text.len() - self.rest.unwrap_or_default().len()].contains('{') {
+            return Err(Refusal::new("block data in a filter is not simulated; leave it out"));
+        }
         let wanted = pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
         let members = if let Some(tag) = name.strip_prefix('#') {
             let bare = tag.strip_prefix("minecraft:").unwrap_or(tag);
