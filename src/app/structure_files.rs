@@ -2,6 +2,7 @@
 //!
 //! A file tells what stands, not in which order it was built, so checks of planning cannot be measured from files.
 
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use base64::Engine as _;
@@ -13,6 +14,7 @@ use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
 use crate::formats::{self, Build, FileFormat};
 use plumbline_engine::checks::Dimension;
+use plumbline_engine::game::side::Side;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, TurnFile};
 use plumbline_engine::tasks::Task;
@@ -103,7 +105,7 @@ impl Fault {
 
 /// Adds the events by which what stood before a file's turn becomes what the file holds, and returns the latter.
 fn open_file(log: &mut BlockLog, file: &TurnFile, before: Option<Structure>) -> Result<Structure, Fault> {
-    let after = structure_of(&file.base64, file.corner)?;
+    let after = structure_of(&file.base64, file.corner, log.profile)?;
     let stood = || file.turn.checked_sub(1).and_then(|last| Replay::new(log).nth(last));
     let before = before.or_else(stood).unwrap_or_else(|| Structure::from_named([]));
     let palette = &mut log.palette;
@@ -119,7 +121,10 @@ fn open_file(log: &mut BlockLog, file: &TurnFile, before: Option<Structure>) -> 
 }
 
 /// Reads a file in base64 as a structure of materials, which have no states.
-fn structure_of(base64: &str, corner: Option<[i32; 3]>) -> Result<Structure, Fault> {
+///
+/// A bed has two halves in the game. Under `published`, where a bed is one block, its head is left out; otherwise it comes
+/// right after the foot, which shows that they belong together.
+fn structure_of(base64: &str, corner: Option<[i32; 3]>, profile: Profile) -> Result<Structure, Fault> {
     // Tools wrap base64 at 76 characters.
     let packed: String = base64.split_ascii_whitespace().collect();
     let bytes = STANDARD.decode(packed).map_err(|error| Fault::of(format!("not base64: {error}")))?;
@@ -133,8 +138,13 @@ fn structure_of(base64: &str, corner: Option<[i32; 3]>) -> Result<Structure, Fau
         let most = LIMITS.material_chars;
         return Err(Fault::of(format!("a name of {} bytes; at most {most} are allowed", long.len())));
     }
+    let (heads, listed) = heads_of_beds(&build);
+    let blocks = build.blocks.iter().filter(|(at, _)| !listed.contains(at)).flat_map(|block| {
+        let head = heads.get(&block.0).filter(|_| !profile.is_published());
+        std::iter::once(block).chain(head.map(|head| &build.blocks[*head]))
+    });
     let mut entries = Vec::with_capacity(build.blocks.len());
-    for (at, material) in &build.blocks {
+    for (at, material) in blocks {
         let moved: [i64; 3] = std::array::from_fn(|axis| i64::from(at[axis]) + shift[axis]);
         let cell = cell_within(moved).ok_or_else(|| {
             let [x, y, z] = moved;
@@ -149,6 +159,40 @@ fn structure_of(base64: &str, corner: Option<[i32; 3]>) -> Result<Structure, Fau
         entries.push((cell, materials[*material as usize]));
     }
     Ok(Structure::from_named(entries))
+}
+
+/// Finds the beds of which a file has both halves. Returns the index of the head for the position of each foot, and the
+/// positions of these heads.
+fn heads_of_beds(build: &Build) -> (HashMap<[i32; 3], usize>, HashSet<[i32; 3]>) {
+    let beds: Vec<Option<(&str, &str, &str)>> = build.palette.iter().map(|block| bed_half(block)).collect();
+    let feet: HashMap<[i32; 3], u32> = build
+        .blocks
+        .iter()
+        .filter(|(_, id)| beds[*id as usize].is_some_and(|(_, part, _)| part == "foot"))
+        .copied()
+        .collect();
+    let (mut heads, mut listed) = (HashMap::new(), HashSet::new());
+    for (index, (at, id)) in build.blocks.iter().enumerate() {
+        let Some((name, "head", facing)) = beds[*id as usize] else { continue };
+        let Some(side) = Side::named(facing) else { continue };
+        let ahead: [i32; 3] = side.beside(Cell::new(0, 0, 0)).into();
+        let foot: [i32; 3] = std::array::from_fn(|axis| at[axis].wrapping_sub(ahead[axis]));
+        let is_foot = |id: &u32| beds[*id as usize] == Some((name, "foot", facing));
+        if feet.get(&foot).is_some_and(is_foot) {
+            heads.insert(foot, index);
+            listed.insert(*at);
+        }
+    }
+    (heads, listed)
+}
+
+/// Returns the name, the part and the direction of half a bed.
+fn bed_half(block: &str) -> Option<(&str, &str, &str)> {
+    let (name, states) = block.strip_suffix(']')?.split_once('[')?;
+    let value =
+        |property: &str| states.split(',').filter_map(|state| state.split_once('=')).find(|(own, _)| *own == property);
+    let ((_, part), (_, facing)) = (value("part")?, value("facing")?);
+    name.ends_with("_bed").then_some((name, part, facing))
 }
 
 fn cell_within([x, y, z]: [i64; 3]) -> Option<Cell> {
@@ -236,6 +280,22 @@ fn bed_halves(listed: &[(Cell, &str)]) -> CellMap<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn sent(blocks: &[([i32; 3], &str)], profile: Profile) -> Vec<Cell> {
+        let build = Build::of(blocks.iter().map(|(at, block)| (*at, (*block).to_owned())));
+        let file = STANDARD.encode(formats::write(FileFormat::Nbt, &build).unwrap());
+        structure_of(&file, None, profile).map_err(|fault| fault.detail).unwrap().cells().to_vec()
+    }
+
+    #[test]
+    fn a_bed_in_a_file_is_one_bed() {
+        let (foot, head) = ("red_bed[facing=east,part=foot]", "red_bed[facing=east,part=head]");
+        let beds = [([0, 0, 1], foot), ([1, 0, 1], head), ([1, 0, 0], foot), ([2, 0, 0], head), ([9, 0, 9], head)];
+        let cells = |list: &[(i32, i32)]| list.iter().map(|(x, z)| Cell::new(*x, 0, *z)).collect::<Vec<_>>();
+        assert_eq!(sent(&beds, Profile::Published), cells(&[(0, 1), (1, 0), (9, 9)]));
+        // The head follows the foot, which tells the beds apart.
+        assert_eq!(sent(&beds, Profile::Mindcraft), cells(&[(0, 1), (1, 1), (1, 0), (2, 0), (9, 9)]));
+    }
 
     #[test]
     fn halves_of_doors_and_beds_are_told_apart() {

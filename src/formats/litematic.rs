@@ -16,6 +16,7 @@ const READ: std::ops::RangeInclusive<i32> = 5..=7;
 #[serde(rename_all = "PascalCase")]
 struct File {
     version: i32,
+    minecraft_data_version: Option<i32>,
     regions: BTreeMap<String, Region>,
 }
 
@@ -53,8 +54,11 @@ pub fn read(unpacked: &[u8], mut builder: Builder) -> FileResult<Build> {
     let file: File = parse(unpacked)?;
     if !READ.contains(&file.version) {
         let version = file.version;
-        return Err(FileError::new(format!("Litematica's version {version}; versions 5 to 7 are read")));
+        return Err(FileError::new(format!(
+            "Litematica's version {version}; versions 5 to 7 are read: load it in Litematica of Minecraft 1.13 to 1.21 and save it anew"
+        )));
     }
+    builder.written_for(file.minecraft_data_version)?;
     let mut corner: Option<[i32; 3]> = None;
     let mut left = MAX_CELLS;
     for (name, region) in &file.regions {
@@ -84,7 +88,7 @@ impl Region {
         *left -= volume;
         let mut ids = Vec::with_capacity(self.block_state_palette.len());
         for state in &self.block_state_palette {
-            ids.push(if state.is_air() { None } else { Some(builder.intern(state.canonical()?)) });
+            ids.push(builder.block(state)?);
         }
         let bits = bits_for(ids.len());
         let longs = (volume * bits).div_ceil(64);

@@ -8,6 +8,7 @@ mod nbt;
 mod schematic;
 mod states;
 mod structure;
+mod versions;
 
 pub use states::MAX_NAME;
 
@@ -15,6 +16,9 @@ use std::collections::HashMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+
+use states::State;
+use versions::Names;
 
 /// Version of the game's data that files are written for: Java Edition 1.21.4.
 const DATA_VERSION: i32 = 4189;
@@ -134,6 +138,7 @@ impl Build {
 
 /// Blocks of a file as it is read: the last block at a position counts.
 struct Builder {
+    names: Names,
     palette: Vec<String>,
     ids: HashMap<String, u32>,
     standing: HashMap<[i32; 3], u32>,
@@ -142,7 +147,22 @@ struct Builder {
 
 impl Builder {
     fn new(most: usize) -> Self {
-        Self { palette: Vec::new(), ids: HashMap::new(), standing: HashMap::new(), most }
+        Self { names: Names::default(), palette: Vec::new(), ids: HashMap::new(), standing: HashMap::new(), most }
+    }
+
+    /// States the version of the game's data that the file was written for.
+    fn written_for(&mut self, data_version: Option<i32>) -> FileResult<()> {
+        self.names = Names::of(data_version)?;
+        Ok(())
+    }
+
+    /// Returns the index of a block state in the palette; none for air.
+    fn block(&mut self, state: &State) -> FileResult<Option<u32>> {
+        if state.is_air() {
+            return Ok(None);
+        }
+        let block = self.names.now(state).canonical()?;
+        Ok(Some(self.intern(block)))
     }
 
     fn intern(&mut self, block: String) -> u32 {

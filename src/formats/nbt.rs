@@ -46,6 +46,20 @@ pub fn unpack(bytes: &[u8]) -> FileResult<Unpacked> {
     Ok(Unpacked { bytes: unpacked, members })
 }
 
+/// Recognises files of other formats that are sent by mistake, and says what to send.
+fn other_format(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [0x78, 0x01 | 0x5e | 0x9c | 0xda, ..] => Some("data packed with zlib; send it with gzip or unpacked"),
+        [b'P', b'K', 3 | 5, 4 | 6, ..] => Some("a ZIP archive; send the structure file that is in it"),
+        [b'{' | b'[', ..] => Some("text instead of NBT; a block log in JSON belongs into \"events\" or \"rows\""),
+        // An integer `format_version`, the length of whose name has its low byte first.
+        [10, 0, 0, 3, 14, 0, ..] => {
+            Some("a structure of Bedrock Edition (.mcstructure); convert it for Java Edition, for example with Amulet")
+        }
+        _ => None,
+    }
+}
+
 /// Reads data that [`unpack`] has checked.
 pub fn parse<T: DeserializeOwned>(unpacked: &[u8]) -> FileResult<T> {
     fastnbt::from_bytes(unpacked).map_err(|error| FileError::new(format!("not of the expected form: {error}")))
@@ -78,6 +92,9 @@ enum Open {
 impl Scan<'_> {
     /// Checks all of the data; returns the names of the members of the root.
     fn check(mut self) -> FileResult<Vec<String>> {
+        if let Some(remedy) = other_format(self.bytes) {
+            return Err(FileError::new(remedy));
+        }
         if self.byte()? != COMPOUND {
             return Err(FileError::new("not NBT: it does not begin with a compound"));
         }

@@ -22,6 +22,7 @@ struct Root {
 #[serde(rename_all = "PascalCase")]
 struct Version3 {
     version: i32,
+    data_version: Option<i32>,
     width: i32,
     height: i32,
     length: i32,
@@ -40,6 +41,7 @@ struct Blocks {
 #[serde(rename_all = "PascalCase")]
 struct Version2 {
     version: Option<i32>,
+    data_version: Option<i32>,
     width: i32,
     height: i32,
     length: i32,
@@ -60,15 +62,17 @@ struct Metadata {
     z: Option<i32>,
 }
 
-pub fn read(unpacked: &[u8], is_version_3: bool, builder: Builder) -> FileResult<Build> {
+pub fn read(unpacked: &[u8], is_version_3: bool, mut builder: Builder) -> FileResult<Build> {
     if is_version_3 {
         let file = parse::<Root>(unpacked)?.schematic;
         is_read(file.version, 3..=3)?;
+        builder.written_for(file.data_version)?;
         let size = [file.width, file.height, file.length];
         return cells(size, offset(file.offset)?, &file.blocks.palette, &file.blocks.data, builder);
     }
     let file: Version2 = parse(unpacked)?;
     is_read(file.version.unwrap_or(1), 1..=2)?;
+    builder.written_for(file.data_version)?;
     let size = [file.width, file.height, file.length];
     let corner = match file.metadata {
         Some(Metadata { x: Some(x), y: Some(y), z: Some(z) }) => [x, y, z],
@@ -117,8 +121,7 @@ fn cells(
     }
     let mut ids: HashMap<i32, Option<u32>> = HashMap::new();
     for (block, number) in palette {
-        let state = State::read(block)?;
-        let id = if state.is_air() { None } else { Some(builder.intern(state.canonical()?)) };
+        let id = builder.block(&State::read(block)?)?;
         if ids.insert(*number, id).is_some() {
             return Err(FileError::new(format!("Palette: two blocks have the number {number}")));
         }

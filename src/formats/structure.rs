@@ -8,6 +8,8 @@ use super::{Build, Builder, DATA_VERSION, FileError, FileResult};
 
 #[derive(Deserialize)]
 struct Structure {
+    #[serde(rename = "DataVersion")]
+    data_version: Option<i32>,
     size: [i32; 3],
     palette: Option<Vec<State>>,
     /// Palettes of equal length, of which the game chooses one at random; the first is read.
@@ -23,6 +25,7 @@ struct Block {
 
 pub fn read(unpacked: &[u8], mut builder: Builder) -> FileResult<Build> {
     let structure: Structure = parse(unpacked)?;
+    builder.written_for(structure.data_version)?;
     let palette = match structure.palettes {
         Some(palettes) => palettes.into_iter().next(),
         None => structure.palette,
@@ -30,7 +33,7 @@ pub fn read(unpacked: &[u8], mut builder: Builder) -> FileResult<Build> {
     let palette = palette.ok_or_else(|| FileError::new("palettes: an empty list"))?;
     let mut ids = Vec::with_capacity(palette.len());
     for state in &palette {
-        ids.push(if state.is_air() { None } else { Some(builder.intern(state.canonical()?)) });
+        ids.push(builder.block(state)?);
     }
     for (at, Block { pos, state }) in structure.blocks.into_iter().enumerate() {
         if (0..3).any(|axis| !(0..structure.size[axis]).contains(&pos[axis])) {

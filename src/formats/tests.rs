@@ -109,6 +109,51 @@ proptest! {
     }
 }
 
+#[test]
+fn names_of_older_versions_are_those_of_today() {
+    let palette = |data_version: i32| {
+        let names = ["grass_path", "grass", "stone_slab", "oak_planks"];
+        let states: Vec<Vec<u8>> = names.iter().map(|name| text_member("Name", name)).collect();
+        let states = states.iter().flat_map(|state| [state.as_slice(), &[0]].concat()).collect::<Vec<u8>>();
+        let blocks: Vec<u8> = (0..4i32)
+            .flat_map(|at| {
+                let position = [&[3, 0, 0, 0, 3][..], &at.to_be_bytes(), &[0; 8]].concat();
+                [member(9, "pos", &position), member(3, "state", &at.to_be_bytes()), vec![0]].concat()
+            })
+            .collect();
+        let list = |count: i32, members: &[u8]| [&[10u8][..], &count.to_be_bytes(), members].concat();
+        let size: Vec<u8> = [&[3u8][..], &3i32.to_be_bytes(), &[4i32; 3].map(i32::to_be_bytes).concat()].concat();
+        let file = root(&[
+            &member(3, "DataVersion", &data_version.to_be_bytes()),
+            &member(9, "size", &size),
+            &member(9, "palette", &list(4, &states)),
+            &member(9, "blocks", &list(4, &blocks)),
+        ]);
+        read(&file, 10).map(|(_, build)| build.palette)
+    };
+    assert_eq!(palette(4189).unwrap(), ["grass_path", "grass", "stone_slab", "oak_planks"]);
+    assert_eq!(palette(3465).unwrap(), ["grass_path", "short_grass", "stone_slab", "oak_planks"]);
+    assert_eq!(palette(1631).unwrap(), ["dirt_path", "short_grass", "smooth_stone_slab", "oak_planks"]);
+    assert!(palette(1343).unwrap_err().to_string().contains("DataVersion: 1343 is older than Minecraft 1.13"));
+}
+
+#[test]
+fn files_of_other_formats_are_recognised() {
+    for (bytes, told) in [
+        (&[0x78u8, 0x9c, 1, 2][..], "zlib"),
+        (b"PK\x03\x04and more", "ZIP"),
+        (b"[{\"action\":\"place\"}]", "text instead of NBT"),
+        (b"\x0a\0\0\x03\x0e\0format_version\x01\0\0\0", "Bedrock"),
+    ] {
+        assert!(read(bytes, 10).unwrap_err().to_string().contains(told));
+    }
+}
+
+/// A text in raw NBT.
+fn text_member(name: &str, text: &str) -> Vec<u8> {
+    member(8, name, &[&(text.len() as u16).to_be_bytes()[..], text.as_bytes()].concat())
+}
+
 /// Raw NBT: a root with these bytes in it.
 fn root(members: &[&[u8]]) -> Vec<u8> {
     [&[10, 0, 0], members.concat().as_slice(), &[0]].concat()

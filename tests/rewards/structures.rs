@@ -117,7 +117,7 @@ async fn a_file_is_accepted_where_order_does_not_count_and_a_faulty_one_is_told(
         (json!({ "structure": "no file!" }), "/turns/0/structure", "not base64"),
         (json!({ "structure": "" }), "/turns/0/structure", "the file is empty"),
         (json!({ "structure": 7 }), "/turns/0/structure", "expected a string"),
-        (json!({ "structure": STANDARD.encode("PK\x03\x04") }), "/turns/0/structure", "not NBT"),
+        (json!({ "structure": STANDARD.encode("PK\x03\x04") }), "/turns/0/structure", "a ZIP archive"),
         (json!({ "structure": text, "corner": [0, 9999, 0] }), "/turns/0/corner", "\"corner\" moves the build"),
         (json!({ "structure": text, "corner": [0, 1] }), "/turns/0/corner", "expected 3 integers"),
         (json!({ "structure": text, "events": [] }), "/turns/0", "give either events"),

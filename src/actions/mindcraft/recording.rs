@@ -25,7 +25,7 @@ pub fn world_of(start: Option<&WorldState>, limits: &ActionLimits) -> World {
     }
     world.block_limit = start.block_limit;
     let [yaw, pitch] = start.view;
-    world.body = Place { position: start.position, yaw, pitch };
+    world.body = Place { position: start.position, yaw, pitch, anchor: 0.0 };
     world.start_at(start.now_ms);
     world
 }
@@ -37,7 +37,7 @@ pub fn state_of(host: &Host) -> WorldState {
     built.sort_unstable_by_key(|(cell, _)| (cell.y, cell.x, cell.z));
     let mut names = Names::default();
     let blocks = built.into_iter().map(|(Cell { x, y, z }, look)| ([x, y, z], names.index(look))).collect();
-    let Place { position, yaw, pitch } = world.body;
+    let Place { position, yaw, pitch, anchor: _ } = world.body;
     let mut looks = vec![(0, 0); names.palette.len()];
     for (look, index) in &names.index {
         looks[*index as usize] = *look;
