@@ -15,6 +15,7 @@ use super::confine::confine;
 use super::job::{Answer, Job, Order, TurnInput};
 use super::memory::PeakMemory;
 use super::mindcraft::Prepared;
+use super::sandbox::cpu_ms;
 use super::{ActionLimits, Profile, mindcraft, published};
 use plumbline_engine::intake::code::without_fences;
 
@@ -88,7 +89,9 @@ fn run_script(limits: &ActionLimits, prepared: Prepared) -> anyhow::Result<ExitC
     let order: Order = serde_json::from_slice(&job)?;
     // What a script makes of the objects that it is given may break an assumption of ours; that is its own doing.
     let replayed = catch_unwind(AssertUnwindSafe(|| replay(&order.job, &order.limits, &peak, prepared)));
-    let answer = serde_json::to_vec(&replayed.unwrap_or_else(|_| Answer::crashed()))?;
+    let mut answer = replayed.unwrap_or_else(|_| Answer::crashed());
+    answer.cpu_ms = cpu_ms();
+    let answer = serde_json::to_vec(&answer)?;
     let mut output = std::io::stdout().lock();
     output.write_all(&tag)?;
     output.write_all(&u32::try_from(answer.len())?.to_le_bytes())?;
@@ -114,7 +117,7 @@ fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory, prepared: Prepare
                 },
                 TurnInput::Events(_) => super::Replayed::default(),
             });
-            Answer { turns: files.collect(), end: None }
+            Answer { turns: files.collect(), ..Answer::default() }
         }
     }
 }

@@ -65,7 +65,7 @@ mod tests {
 
     fn stopped(limit: &str, log_bytes: usize) -> Answer {
         let stopped = Some(LimitReached { limit: limit.to_owned(), detail: "a".repeat(log_bytes) });
-        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
+        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], ..Answer::default() }
     }
 
     #[test]

@@ -54,6 +54,9 @@ pub struct Answer {
     pub turns: Vec<Replayed>,
     /// The world after the last turn; none for profiles without one.
     pub end: Option<WorldState>,
+    /// Processor time that the job took, in milliseconds, as its process tells.
+    #[serde(default)]
+    pub cpu_ms: u64,
 }
 
 impl Answer {
@@ -61,7 +64,7 @@ impl Answer {
     pub(super) fn crashed() -> Self {
         let detail = "the code broke the objects that it was given".to_owned();
         let stopped = Some(LimitReached { limit: CRASHED.to_owned(), detail });
-        Self { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
+        Self { turns: vec![Replayed { stopped, ..Replayed::default() }], ..Self::default() }
     }
 
     /// Returns the limit at which the job was stopped.

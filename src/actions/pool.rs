@@ -15,6 +15,9 @@ const FIRST_MS: u64 = 250;
 /// Wall-clock time for the first attempt, in milliseconds: a script may be in a built-in that does not check the time.
 const FIRST_WALL_MS: u64 = 1_000;
 
+/// How many times the processor time of a file the files of a job may take together, where each runs on its own.
+pub const FILES_TIMES: u64 = 2;
+
 /// The machine gave a script so little processor time that it reached no limit of its own. Later it may.
 #[derive(Debug, thiserror::Error)]
 #[error("action code did not finish within {wall_ms} ms")]
@@ -83,11 +86,20 @@ impl Pool {
     async fn run_files(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         let mut answer = Answer::default();
         let mut events = 0;
+        let all = self.inner.limits;
+        let most_ms = all.cpu_ms * FILES_TIMES;
         for turn in &job.turns {
             let mut replayed: Option<Replayed> = None;
             let files = if let TurnInput::Code(files) = turn { files.as_slice() } else { &[] };
             for (file, number) in files.iter().zip(1..) {
+                if answer.cpu_ms >= most_ms {
+                    let detail = format!("more than {most_ms} ms of processor time in all files together");
+                    let limit = LimitReached { limit: "time".to_owned(), detail };
+                    replayed.get_or_insert_default().stopped.get_or_insert(limit);
+                    break;
+                }
                 let one = self.run_job(&Job::of_code(job.profile, file.clone()), who, left).await?;
+                answer.cpu_ms += one.cpu_ms;
                 let one = one.turns.into_iter().next().unwrap_or_default();
                 let one = if files.len() > 1 { one.of_file(number) } else { one };
                 events += one.events.len();

@@ -178,7 +178,7 @@ const CRASHES: [(i32, &str); 6] = [
 fn how_it_ended(signal: Option<i32>, limits: &ActionLimits) -> anyhow::Result<Answer> {
     let stopped = |limit: &str, detail: String| {
         let stopped = Some(LimitReached { limit: limit.to_owned(), detail });
-        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], end: None }
+        Answer { turns: vec![Replayed { stopped, ..Replayed::default() }], ..Answer::default() }
     };
     if signal == Some(libc::SIGXCPU) {
         return Ok(stopped("time", format!("more than {} ms of processor time", limits.cpu_ms)));

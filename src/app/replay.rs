@@ -28,7 +28,7 @@ use plumbline_engine::voxel::{BlockLog, Cell, Event};
 pub fn take_permit(app: &App, who: &Arc<str>) -> AppResult<Permit> {
     app.action_requests
         .take(who)
-        .map_err(|_| AppError::too_many("much action code is waiting to be run; come back in a moment"))
+        .map_err(|_| AppError::too_many("much action code is waiting to be run; send the request again in a moment"))
 }
 
 /// Runs a job for at most the time `left`, if it has a deadline, and takes from it what the job took.
@@ -353,14 +353,16 @@ pub struct StandingBlock {
     pub block: String,
 }
 
-/// Returns the blocks that stand after a replay and were not there before, by y, x and z.
+/// Returns the blocks that stand after a replay and were not there before, by y, x and z. `log` has the events of the turns
+/// without code, unless the replay ends with a world.
 #[must_use]
-pub fn standing(answer: &Answer) -> Vec<StandingBlock> {
+pub fn standing(mut log: BlockLog, answer: &Answer) -> Vec<StandingBlock> {
     if let Some(end) = &answer.end {
         let block = |([x, y, z], block): ([i32; 3], &str)| StandingBlock { x, y, z, block: block.to_owned() };
         return end.standing().map(block).collect();
     }
-    let mut log = BlockLog { turns: vec![Vec::new(); answer.turns.len()], ..BlockLog::default() };
+    let turns = log.turns.len().max(answer.turns.len());
+    log.turns.resize(turns, Vec::new());
     for (turn, done) in answer.turns.iter().enumerate() {
         for event in &done.events {
             let [x, y, z] = event.cell;

@@ -13,6 +13,7 @@ use crate::actions::pool::Pool;
 use crate::actions::{ACTION_LIMITS, CodeError, Profile, Replayed};
 use crate::app::replay::{ReplayedEvent, standing, told};
 use plumbline_engine::text::counted;
+use plumbline_engine::voxel::BlockLog;
 
 /// Writes a line to standard error; it does not matter whether anybody reads it.
 macro_rules! say {
@@ -134,7 +135,7 @@ fn read(name: &str) -> anyhow::Result<File> {
 fn print(answer: &Answer, is_structure: bool) -> std::io::Result<()> {
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if is_structure {
-        for block in standing(answer) {
+        for block in standing(BlockLog::default(), answer) {
             line(&mut out, &block)?;
         }
     } else {

@@ -1,5 +1,6 @@
 //! Rewards within the request, and the trainers that ask for them.
 
+mod forced;
 mod grade;
 mod structures;
 mod texts;

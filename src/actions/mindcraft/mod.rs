@@ -110,7 +110,7 @@ pub fn run(job: &Job, limits: &ActionLimits, peak: &PeakMemory, first: Prepared)
         }
     }
     let end = state_of(&host.borrow());
-    Answer { turns, end: Some(end) }
+    Answer { turns, end: Some(end), ..Answer::default() }
 }
 
 /// Runs the files of a turn one after another, each in an engine of its own and all in one world. An error ends its

@@ -1,6 +1,7 @@
 //! The value of each limit unless `serve` sets another.
 
 use super::members::Limits;
+use crate::actions::pool::FILES_TIMES;
 use crate::actions::{ACTION_LIMITS, AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
 use crate::formats::{MAX_AXIS, MAX_AXIS_WRITTEN, MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_NAME, MAX_TEXTS, MAX_VALUES};
 use crate::pictures::isometric::MOST as MOST_SHOWN;
@@ -27,6 +28,7 @@ pub const LIMITS: Limits = Limits {
     events: ACTION_LIMITS.events,
     blocks: 100_000,
     blocks_with_stress: 50_000,
+    grade_blocks_with_stress: 5_000,
     stress_fields_at_once: 2,
     stress_fields_per_sender: 1,
     stress_fields_waiting: 64,
@@ -88,6 +90,7 @@ pub const LIMITS: Limits = Limits {
     grade_cache_bytes: 64 << 20,
     action_code_bytes: ACTION_LIMITS.code_bytes,
     action_files: MAX_FILES,
+    action_files_cpu_ms: ACTION_LIMITS.cpu_ms * FILES_TIMES,
     action_log_lines: ACTION_LIMITS.log_lines,
     action_log_bytes: ACTION_LIMITS.log_bytes,
     action_virtual_ms: ACTION_LIMITS.virtual_ms,

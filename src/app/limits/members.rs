@@ -25,6 +25,9 @@ pub struct Limits {
     pub blocks: usize,
     /// Blocks present after any turn of a task with a stress check, or in a structure whose stress field is computed.
     pub blocks_with_stress: usize,
+    /// The same for what a model's answer or action code built, where a request waits for the grade: its sender does not
+    /// choose how long that takes.
+    pub grade_blocks_with_stress: usize,
     /// Stress fields computed at the same time for `/v1/submissions/{id}/stress`; further requests wait.
     pub stress_fields_at_once: usize,
     /// Stress fields computed at the same time for one sender: the owner of a key, or an address.
@@ -147,6 +150,9 @@ pub struct Limits {
     pub action_code_bytes: usize,
     /// Files of action code in a turn.
     pub action_files: usize,
+    /// Milliseconds of processor time that all files of a log may use together under `published`, where each runs on its
+    /// own.
+    pub action_files_cpu_ms: u64,
     /// Lines that the log of a turn's action code keeps.
     pub action_log_lines: usize,
     /// Bytes that the log of a turn's action code keeps.

@@ -7,7 +7,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::given_task::GivenTask;
 use super::grader::{Deadline, Graded, Until};
-use super::in_time::{code_in_time, graded_in_time};
+use super::in_time::{GRADED_WITHIN, code_in_time, graded_in_time};
 use super::model_text::{AnswerBody, log_in_texts};
 use super::named_task::NamedTask;
 use super::reading::read_request;
@@ -23,7 +23,7 @@ use crate::app::limits::LIMITS;
 use crate::app::replay::{complete_log_within, take_permit};
 use crate::app::rewards::score::{CheckScore, GradeBody, Timings, UnmeasuredCheck};
 use crate::app::structure_files::{ORDER_IS_CHECKED, open_files};
-use crate::app::submissions::posted::check_against_task;
+use crate::app::submissions::posted::{check_against_task, most_blocks, most_blocks_of_model};
 use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
 use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::reward::{RewardComponents, Scheme};
@@ -210,7 +210,9 @@ impl Found {
     pub fn finish(self, replays: Vec<TurnReplay>, mut faults: Faults) -> AppResult<Prepared> {
         let Self { request, given, mut sent, mut answer, not_measured, begun } = self;
         let task = given.task()?.0;
-        check_against_task(&sent.log, task, &mut faults);
+        let is_by_model = answer.is_some() || !replays.is_empty();
+        let most = if is_by_model { most_blocks_of_model(task) } else { most_blocks(task) };
+        check_against_task(&sent.log, task, most, &mut faults);
         // Code that is not JavaScript counts as no answer if nothing else was built.
         let unreadable = replays.iter().find_map(unreadable_code).filter(|_| sent.log.event_count() == 0);
         if let (Some(answer), Some(why)) = (&mut answer, unreadable) {
@@ -265,7 +267,9 @@ impl Prepared {
     /// Returns the errors of [`super::grader::Grader::grade`], 422 if no criterion that applies has a weight, and 503 if
     /// the request would run out of time.
     pub async fn grade(self, app: &App, who: &Arc<str>) -> AppResult<(GradeBody, bool)> {
-        let (begun, deadline) = (self.begun, self.request.deadline.into());
+        // Only a deadline that the sender set includes waiting.
+        let wait = self.request.for_code.is_none().then_some(GRADED_WITHIN);
+        let (begun, deadline) = (self.begun, Deadline { work: self.request.deadline, wait });
         graded_in_time(begun, self.grade_within(app, who, deadline)).await
     }
 

@@ -334,7 +334,7 @@ impl Grader {
         if !self.stop.is_cancelled() {
             return too_late();
         }
-        let detail = "The service stops. The request may be sent again.";
+        let detail = "The service is shutting down. The request may be sent again.";
         AppError::new(Kind::Stopping, detail).retry_after(5)
     }
 
@@ -361,8 +361,8 @@ fn admitted(permits: &Arc<PermitPool>, who: &Arc<str>, what: &str) -> AppResult<
     permits.take(who).map_err(|none| {
         metrics::counter!("plumbline_grade_refused_total").increment(1);
         AppError::too_many(match none {
-            NoPermit::All => format!("many {what} are being graded; come back in a moment"),
-            NoPermit::Own => format!("many {what} of yours are being graded; come back in a moment"),
+            NoPermit::All => format!("many {what} are being graded; send the request again in a moment"),
+            NoPermit::Own => format!("many {what} of yours are being graded; send the request again in a moment"),
         })
     })
 }

@@ -10,7 +10,7 @@ use crate::app::limits::LIMITS;
 const CODE_WITHIN: Duration = Duration::from_secs(LIMITS.grade_code_seconds);
 
 /// Time after which a request is graded, or refused: a little less than what a request may take.
-const GRADED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 3);
+pub const GRADED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 3);
 
 /// Runs the code of a request within the deadline that its sender asked for, or within `grade_code_seconds`.
 ///

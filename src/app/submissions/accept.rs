@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
 use super::decision::{answers, decide_all, lane_of};
-use super::posted::{Format, Posted, PostedSubmission, check_against_task, read_submissions};
+use super::posted::{Format, Posted, PostedSubmission, check_against_task, most_blocks, read_submissions};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
@@ -250,7 +250,7 @@ fn prepare(
         if let Some(line) = submission.line {
             faults.enter_line(line);
         }
-        check_against_task(&submission.sent.log, task, faults);
+        check_against_task(&submission.sent.log, task, most_blocks(task), faults);
         placed.push((submission, entry.id.clone(), task, hash));
     }
     if !faults.is_empty() {

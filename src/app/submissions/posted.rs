@@ -270,8 +270,17 @@ pub fn most_blocks(task: &Task) -> usize {
     if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks }
 }
 
-/// Adds the faults of a log that depend on its task: the number of turns, and the number of blocks.
-pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
+/// The same for what a model wrote where a request waits for the grade: no model may make it run out of time, which would
+/// be no reward instead of a low one.
+#[must_use]
+pub fn most_blocks_of_model(task: &Task) -> usize {
+    let most = most_blocks(task);
+    if most == LIMITS.blocks_with_stress { LIMITS.grade_blocks_with_stress } else { most }
+}
+
+/// Adds the faults of a log that depend on its task: the number of turns, and the number of blocks, of which at most
+/// `most` may stand.
+pub fn check_against_task(log: &BlockLog, task: &Task, most: usize, faults: &mut Faults) {
     if log.turns.len() != task.turns.len() {
         let (found, wanted) = (log.turns.len(), task.turns.len());
         let found = counted(found, "turn");
@@ -279,7 +288,6 @@ pub fn check_against_task(log: &BlockLog, task: &Task, faults: &mut Faults) {
         faults.add_at("turns", detail);
         return;
     }
-    let most = most_blocks(task);
     let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
     // Replaying is expensive; a log with few placements cannot exceed the limit.
     if placed > most

@@ -21,6 +21,7 @@ use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::{ActionCode, NewTurn};
 use plumbline_engine::intake::tolerant::Texts;
 use plumbline_engine::intake::{Faults, MAX_FILES};
+use plumbline_engine::voxel::BlockLog;
 
 /// Approximate size of an event in the response, in bytes, without the material's name.
 const EVENT_BYTES: usize = 60;
@@ -105,8 +106,10 @@ pub async fn replay_action_code(
         return Err(AppError::faulty(faults));
     }
     let with_code: Vec<usize> = sent.codes.iter().map(|code| code.turn + 1).collect();
+    // Code under `published` runs without a world, so what the other turns leave is not in its answer.
+    let log = if profile.is_published() { sent.log.clone() } else { BlockLog::default() };
     let answer = replay(&state, caller.who(), &job_of_all(sent)).await?;
-    let structure = standing(&answer);
+    let structure = standing(log, &answer);
     // Every event repeats its material's name, so the response may be much larger than the recording.
     let event_bytes = |done: &Replayed| -> usize {
         done.events.iter().map(|event| EVENT_BYTES + 2 * done.block(event).map_or(0, str::len)).sum()

@@ -911,6 +911,11 @@ class Limits(BaseModel):
     """
     Blocks present after any turn of a task with a stress check, or in a structure whose stress field is computed.
     """
+    grade_blocks_with_stress: Annotated[int, Field(ge=0)]
+    """
+    The same for what a model's answer or action code built, where a request waits for the grade: its sender does not
+    choose how long that takes.
+    """
     stress_fields_at_once: Annotated[int, Field(ge=0)]
     """
     Stress fields computed at the same time for `/v1/submissions/{id}/stress`; further requests wait.
@@ -1152,6 +1157,11 @@ class Limits(BaseModel):
     action_files: Annotated[int, Field(ge=0)]
     """
     Files of action code in a turn.
+    """
+    action_files_cpu_ms: Annotated[int, Field(ge=0)]
+    """
+    Milliseconds of processor time that all files of a log may use together under `published`, where each runs on its
+    own.
     """
     action_log_lines: Annotated[int, Field(ge=0)]
     """
