@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::database::DatabaseArgs;
-use super::process::block_on;
+use super::process::{block_on, say};
 use super::{files, progress};
 use crate::app::hidden::pools::publish_pool;
 use crate::app::signing::{Others, signing};
@@ -18,7 +18,7 @@ use crate::store::epochs::EpochRules;
 use crate::store::secrets::{EpochSecret, PoolFile, random_key};
 use plumbline_engine::hidden::beacon::{Beacon, Chain};
 use plumbline_engine::hidden::commitment::{Commitment, Rules, Terms, root_of};
-use plumbline_engine::hidden::feedback::Feedback;
+use plumbline_engine::hidden::feedback::{Feedback, released_bits};
 use plumbline_engine::hidden::pool::Generator;
 use plumbline_engine::hidden::secret::EpochKey;
 use plumbline_engine::hidden::siblings::Siblings;
@@ -71,6 +71,16 @@ enum DevFeedback {
     AfterEpoch,
 }
 
+impl From<DevFeedback> for Feedback {
+    fn from(feedback: DevFeedback) -> Self {
+        match feedback {
+            DevFeedback::ScoreOnly => Self::ScoreOnly,
+            DevFeedback::Criteria => Self::Criteria,
+            DevFeedback::AfterEpoch => Self::AfterEpoch,
+        }
+    }
+}
+
 #[derive(Debug, Args)]
 struct CreateArgs {
     /// Name of the epoch: lower-case letters, digits and dashes, such as 2026-11.
@@ -111,8 +121,8 @@ struct CreateArgs {
     /// File that describes another chain than quicknet, as its servers do (`/CHAIN-HASH/info`).
     #[arg(long, value_name = "FILE", requires = "beacon")]
     beacon_chain: Option<PathBuf>,
-    /// Leave out the public siblings that official runs draw beside each instance, which twice as many answers are for.
-    /// Without them the board cannot tell whether an agent knows public builds by heart.
+    /// Do not draw public siblings. Official runs then need half as many answers, but the board cannot tell whether an
+    /// agent knows public builds by heart.
     #[arg(long)]
     no_siblings: bool,
     /// Bits of information that may be released before the epoch closes automatically.
@@ -162,6 +172,20 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
         store.close().await;
         Ok(ExitCode::SUCCESS)
     })
+}
+
+/// Notes that one owner can end the epoch for everybody by spending its budget.
+fn warn_of_budget(new: &CreateArgs, rules: &Rules, feedback: Feedback, per_run: u32) {
+    let runs = rules.runs_per_owner.min(new.per_instance / 2);
+    let bits = f64::from(runs) * released_bits(feedback, per_run as usize);
+    if bits >= f64::from(new.budget_bits) {
+        say(&format!(
+            "note: one owner can spend the whole budget of {} bits with its dev runs, which ends the epoch for everybody; \
+             --budget-bits {:.0} would prevent that, or a smaller --owner-percent",
+            new.budget_bits,
+            bits.ceil() + 1.0
+        ));
+    }
 }
 
 async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
@@ -221,17 +245,15 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
         profile: Profile::Mindcraft,
         protocol: PROTOCOL,
     };
+    let feedback = new.dev_feedback.into();
+    warn_of_budget(new, &rules, feedback, strata.iter().map(|stratum| stratum.instances).sum());
     let siblings = if new.no_siblings { None } else { Some(Siblings::of(GENERATOR_VERSION)?.list().clone()) };
     let terms = Terms {
         epoch: new.name.clone(),
         opens_at_ms,
         closes_at_ms,
         per_instance: new.per_instance,
-        dev_feedback: match new.dev_feedback {
-            DevFeedback::ScoreOnly => Feedback::ScoreOnly,
-            DevFeedback::Criteria => Feedback::Criteria,
-            DevFeedback::AfterEpoch => Feedback::AfterEpoch,
-        },
+        dev_feedback: feedback,
         rules: rules.clone(),
         beacon,
         siblings,

@@ -2,8 +2,10 @@
 
 use serde_json::Value;
 
+use crate::clock::rfc3339;
 use plumbline_engine::hidden::FIRST_WITH_PROMPTS;
 use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::{DrawFact, GivenReceipt, prompts_hash};
 
 /// Parses a public key.
@@ -23,12 +25,27 @@ pub(super) fn read_given(value: &Value) -> Option<GivenReceipt> {
     serde_json::from_value(inner.unwrap_or(value).clone()).ok()
 }
 
-/// Compares the instances of the response to a draw with what its receipt states. Returns what differs; `protocol` is that
-/// of the epoch.
-pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, protocol: u32) -> Option<String> {
+/// Compares the instances of the response to a draw with what its receipt states, and their times with the rules of the
+/// epoch. Returns what differs.
+pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, commitment: &Commitment) -> Option<String> {
+    let protocol = commitment.protocol();
     let instances = response["instances"].as_array().map(Vec::as_slice).unwrap_or_default();
     if !instances.iter().map(|own| own["id"].as_str()).eq(stated.instances.iter().map(|id| Some(id.as_str()))) {
         return Some("it states other instances than the response has".to_owned());
+    }
+    // A copy that leaves a member out says nothing else.
+    let differs = |found: &Value, wanted: Value| !found.is_null() && *found != wanted;
+    if instances.iter().any(|own| differs(&own["run"], stated.run.into())) {
+        return Some(format!("it states run {}, and the response another", stated.run));
+    }
+    if let Some(rules) = &commitment.rules {
+        let expires = stated.drawn_at_ms + i64::from(rules.instance_seconds) * 1_000;
+        let expires = rfc3339(expires.min(commitment.closes_at_ms));
+        if instances.iter().any(|own| differs(&own["expires_at"], expires.clone().into())) {
+            return Some(format!(
+                "by it and the rules of the epoch the instances expire at {expires}, not when the response says"
+            ));
+        }
     }
     if stated.prompts_sha256.is_empty() && protocol < FIRST_WITH_PROMPTS {
         return None;
@@ -38,7 +55,6 @@ pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, protocol: u32
     }
     let mut each = instances.iter().zip(&stated.prompts_sha256);
     let other = each.find(|(instance, hash)| {
-        // A copy that leaves them out says nothing else.
         let prompts = instance["prompts"].as_array();
         prompts.is_some_and(|prompts| {
             **hash != prompts_hash(prompts.iter().map(|prompt| prompt.as_str().unwrap_or_default()))

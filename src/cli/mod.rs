@@ -80,21 +80,21 @@ pub enum Command {
     /// Announce, list and close epochs of hidden evaluation.
     Epochs(epochs::EpochsArgs),
     /// Follow the transparency log of a service, check that it only grows, and cosign its checkpoints; exit 1 if it is
-    /// not what it was, 2 if that cannot be told.
+    /// not what it was, 2 if it could not be checked.
     Witness(witness::WitnessArgs),
     /// Check the proof of a draw of hidden instances against the commitment of its epoch; exit 1 if it does not hold, 2
-    /// if that cannot be told.
+    /// if it could not be checked.
     VerifyDraw(verify_draw::VerifyDrawArgs),
     /// Verify the reveal of a closed epoch by recomputing its specifications, draws and grades from its key; exit 1 if
-    /// anything does not match, 2 if that cannot be told.
+    /// anything does not match, 2 if it could not be checked.
     VerifyEpoch(verify_epoch::VerifyEpochArgs),
     /// Download everything that a closed epoch published as one file, which can be verified when the service is gone.
     ArchiveEpoch(archive::ArchiveArgs),
     /// Verify the archive of an epoch as verify-epoch does, with the transparency log and its witnesses; exit 1 if
-    /// anything does not match, 2 if that cannot be told.
+    /// anything does not match, 2 if it could not be checked.
     VerifyArchive(archive::VerifyArchiveArgs),
-    /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify, 2 if that
-    /// cannot be told.
+    /// Verify signed receipts and the log that chains them; exit 1 if anything does not verify, 2 if it
+    /// could not be checked.
     VerifyReceipt(receipts::VerifyReceiptArgs),
     /// Bring a database's schema up to date, after making a copy.
     Migrate(database::MigrateArgs),

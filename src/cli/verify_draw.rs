@@ -136,7 +136,7 @@ fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trust
     if given.receipt["epoch"] != draw.epoch || of != (&draw.entry, draw.run, &draw.nonce, Some(&draw.proof)) {
         return Receipt::Broken("it is of another draw".to_owned());
     }
-    if let Some(why) = drawn_otherwise(response, &stated, commitment.protocol()) {
+    if let Some(why) = drawn_otherwise(response, &stated, commitment) {
         return Receipt::Broken(why);
     }
     if stated.prompts_sha256.is_empty() {

@@ -35,7 +35,8 @@ pub struct VerifyEpochArgs {
     /// them, show whether the log was rewritten.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     receipts: Vec<PathBuf>,
-    /// Responses of the service that contain a receipt, to the registration of an entry or the answer to an instance.
+    /// Responses of the service that contain a receipt: to the registration of an entry, the draws of its runs, and the
+    /// answers to its instances.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     given: Vec<PathBuf>,
     /// Boards as served by `GET /v1/epochs/NAME/leaderboard`, which are recomputed.
@@ -143,7 +144,7 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<(Kept, V
         for value in files::values(path)? {
             let given = read_given(&value).with_context(|| format!("{} holds no receipt", path.display()))?;
             if let (Some(Fact::Draw(draw)), true) = (fact(&given.receipt), value["instances"].is_array()) {
-                let why = drawn_otherwise(&value, &draw, reveal.commitment.protocol());
+                let why = drawn_otherwise(&value, &draw, &reveal.commitment);
                 asked_otherwise.extend(why.map(|why| format!("receipt in {}: {why}", path.display())));
             }
             kept.given.push(given);

@@ -39,6 +39,12 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
         changed.as_object_mut().unwrap().remove(member);
         changed
     };
+    for (member, value) in [("expires_at", json!("2026-01-01T00:00:00.000Z")), ("run", json!(2))] {
+        let mut changed = first.clone();
+        changed["instances"][0][member] = value;
+        let (ours, _, told) = said_of(&changed, &[]);
+        assert!(!ours && told.contains("BROKEN  receipt: "), "{member}: {told}");
+    }
     let mut unasked = first.clone();
     unasked["instances"][0]["prompts"] = Value::Null;
     let (ours, _, told) = said_of(&without("receipt"), &[]);
@@ -156,6 +162,7 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
 
     // The draw is forgotten before anything of it is published.
     change("DELETE FROM pending_receipts WHERE body LIKE '%\"draw\":{%'".to_owned()).await;
+    change(format!("DELETE FROM episodes WHERE id = '{episode}'")).await;
     change(format!("DELETE FROM instances WHERE entry_id = '{entry}'")).await;
     pool.close().await;
     let again = scene.made(&lab, &path, &draw("another nonce of ours")).await;

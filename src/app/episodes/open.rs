@@ -8,7 +8,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
-use crate::app::hidden::instances::{instance, require_entrant_of};
+use crate::app::hidden::instances::unanswered;
 use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::store::episodes::{Attempt, EpisodeRow};
@@ -34,15 +34,7 @@ pub async fn open(app: &App, caller: &Caller, draft: Option<NewEpisode>, mut fau
                 faults.add("an instance belongs to its entry; leave suite and run out");
                 return Err(AppError::faulty(faults));
             }
-            require_entrant_of(app, caller, &id).await?;
-            let row = instance(app, caller, &id).await?.row;
-            if row.submission_id.is_some() {
-                return Err(AppError::conflict("already-answered", "the instance has its answer"));
-            }
-            expires_at_ms = expires_at_ms.min(row.expires_at_ms);
-            if expires_at_ms <= now {
-                return Err(AppError::conflict("expired", "the instance can no longer be answered"));
-            }
+            expires_at_ms = expires_at_ms.min(unanswered(app, caller, &id).await?.expires_at_ms);
             (Attempt::Instance(id), Track::Specified)
         }
         None => task_attempt(app, caller, new, &mut faults).await?.ok_or_else(|| AppError::faulty(faults))?,

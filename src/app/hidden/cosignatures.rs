@@ -36,7 +36,7 @@ pub async fn take(app: &App, note: &str) -> AppResult<()> {
     let trusted: Vec<&str> = keys.iter().map(String::as_str).chain([app.receipt_key.as_str()]).collect();
     let fault = |detail: &str| AppError::new(Kind::BadRequest, detail);
     let checkpoint = Checkpoint::verified(note, &trusted).ok_or_else(|| {
-        fault("the note is no checkpoint with the signature of this log: send what /log/checkpoint told")
+        fault("the note is not a checkpoint signed by this log; start from what /log/checkpoint returns")
     })?;
     // Our own signature says that it was ours, but not that it still is: a database may have been put back.
     if root_at(app, &checkpoint.origin, checkpoint.size).await? != Some(checkpoint.root) {

@@ -78,11 +78,10 @@ pub(super) async fn stored_epoch(app: &App, id: &str) -> AppResult<EpochRow> {
 pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     let detail = match &epoch.closed {
         Some((_, reason)) => format!("the epoch is closed: {reason}"),
-        None => format!(
-            "the epoch is open from {} to {}",
-            rfc3339(epoch.commitment.opens_at_ms),
-            rfc3339(epoch.commitment.closes_at_ms)
-        ),
+        None if epoch.is_over(now_ms()) => {
+            format!("the epoch closed at {}", rfc3339(epoch.commitment.closes_at_ms))
+        }
+        None => format!("the epoch opens at {}", rfc3339(epoch.commitment.opens_at_ms)),
     };
     AppError::conflict("epoch-not-open", detail)
 }

@@ -108,6 +108,28 @@ pub async fn require_entrant_of(app: &App, caller: &Caller, id: &str) -> AppResu
     own_instance(app, caller, id, require_entrant).await.map(|_| ())
 }
 
+/// Returns an instance to its entrant if it can still be answered.
+///
+/// # Errors
+/// Returns the errors of [`require_entrant_of`], and 409 if the instance was answered or has expired, or if its entry or
+/// epoch takes no more answers.
+pub async fn unanswered(app: &App, caller: &Caller, id: &str) -> AppResult<InstanceRow> {
+    let row = own_instance(app, caller, id, require_entrant).await?;
+    if row.submission_id.is_some() {
+        return Err(AppError::conflict("already-answered", "the instance has its answer"));
+    }
+    let entry = app.store.entry(&row.entry_id).await?;
+    let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
+    let epoch = stored_epoch(app, &row.epoch_id).await?;
+    if is_finalized || !epoch.is_open(now_ms()) {
+        return Err(refused(app, AnswerRefusal::Closed, &row).await?);
+    }
+    if row.expires_at_ms <= now_ms() {
+        return Err(refused(app, AnswerRefusal::Expired, &row).await?);
+    }
+    Ok(row)
+}
+
 /// Answers an instance with one log.
 ///
 /// # Errors
