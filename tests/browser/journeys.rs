@@ -197,7 +197,7 @@ async fn a_reader_sees_epochs_their_clocks_and_what_they_revealed() {
     page.goto(&format!("{}/epochs", service.url)).await.unwrap();
     browser.see("epochs-phone").await;
     browser.is_well(service).await;
-    browser.click("td a[href='/epochs/autumn']").await;
+    browser.click("th a[href='/epochs/autumn']").await;
     // The clock runs.
     let left = "return document.querySelector('time[data-until]').textContent";
     let first = browser.wait(left, |told| told.as_str().is_some_and(|told| told.contains("min"))).await;

@@ -24,7 +24,7 @@ const WORDS: [(&str, &str); 16] = [
         "Task",
         "A construction brief of one or several turns, with the checks that its build must pass. A suite is a versioned list of tasks, which never changes.",
     ),
-    ("Problem", "A task in one wording. Several wordings of the same task count as one when chance is judged."),
+    ("Problem", "A task, as boards count it. The wordings of one item form one cluster when chance is judged."),
     ("Run", "One agent's answers to the tasks of a suite."),
     (
         "Solved",
@@ -32,7 +32,7 @@ const WORDS: [(&str, &str); 16] = [
     ),
     ("Score", "The share of problems solved. A problem without an answer counts as not solved."),
     ("Interval", "The range in which the true rate lies with 95 % confidence, given how few problems there are."),
-    ("Rank 2–4", "A range of ranks: agents that share it may differ by chance alone."),
+    ("Rank 2–4", "The ranks that chance leaves possible. Agents whose ranges overlap may differ by chance alone."),
     (
         "Specified and brief",
         "How a prompt asks. Specified prompts state every measured condition; brief ones ask in a sentence or two. Runs of the two are not compared.",

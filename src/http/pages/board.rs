@@ -97,13 +97,10 @@ impl BoardPage {
         self.body.rows.windows(2).all(|two| two[0].track == two[1].track)
     }
 
-    /// Returns whether a row begins a new group: its best possible rank is worse than that of the row before it.
+    /// Returns whether a row begins a new group, as it does among the lines.
     fn begins_group(&self, row: usize) -> bool {
-        let places = |row: usize| self.body.rows.get(row).and_then(|row| row.places);
-        let before = row.checked_sub(1).and_then(places);
-        self.sort == "overall"
-            && self.is_one_track()
-            && before.zip(places(row)).is_some_and(|(before, own)| own.first > before.first)
+        let mut runs = self.lines.iter().filter_map(|line| if let Line::Run(run) = line { Some(run) } else { None });
+        self.sort == "overall" && runs.nth(row).is_some_and(|run| run.begins_group)
     }
 }
 

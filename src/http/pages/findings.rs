@@ -15,7 +15,9 @@ pub fn found(check: &CheckReport) -> String {
     let told = match &*check.name {
         "shape.level_has" => level_found(measured),
         "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
-        "material.is_made_of" => check.finding.measured.as_f64().map(|share| format!("{} are", percent(share))),
+        "material.is_made_of" => {
+            check.finding.measured.as_f64().map(|share| format!("{} of the blocks are", percent(share)))
+        }
         STRESS => stress_found(check),
         EQUILIBRIUM => built(check).map(|greatest| format!("the greatest stress in equilibrium is {greatest}")),
         _ => None,
@@ -274,7 +276,7 @@ mod tests {
         assert_eq!(told("shape.level_has", one, ""), "1 block in one part; the widest measures 1 × 1");
         let extents = json!({ "x": 4.0, "y": 6.0, "z": 4.0 });
         assert_eq!(told("size.is_equal", extents, "spans 4 x 4"), "4 × 4 in plan and 6 blocks high");
-        assert_eq!(told("material.is_made_of", json!(0.325), ""), "32.5 % are");
+        assert_eq!(told("material.is_made_of", json!(0.325), ""), "32.5 % of the blocks are");
         assert_eq!(told("size.max_y_is_geq", json!(2), "highest y is 2; required >= 12"), "Highest y is 2");
         assert_eq!(
             told("shape.climbs_to", json!(-1), "the climb ends at y=-1; required 4"),

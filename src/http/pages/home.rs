@@ -27,6 +27,8 @@ struct Best {
     suite: String,
     tasks: usize,
     runs: usize,
+    /// Whether its runs have prompts of several kinds, of which those with the specified ones are shown.
+    has_tracks: bool,
     /// What people reach according to the paper, in percent.
     people: Option<f64>,
     lines: Vec<Line>,
@@ -87,6 +89,7 @@ pub async fn home(State(state): State<AppState>, origin: Origin) -> PageResult {
             suite: suite.id(),
             tasks: suite.tasks.len(),
             runs: page.total,
+            has_tracks: suite.tracks().len() > 1,
             people: people(&suite.name)?,
             lines: lines(&state, page.rows).await?,
         });

@@ -34,7 +34,7 @@ pub struct RunLine {
     pub cost: Option<String>,
     /// Number of earlier runs of other owners that it is nearly identical to.
     pub copied_from: usize,
-    /// Whether it begins a group: its best possible rank is worse than that of the run before it.
+    /// Whether it begins a group: its best possible rank is worse than every one that a run above it may have.
     pub begins_group: bool,
     /// Whether its row was hidden or withdrawn after the time of the board.
     pub is_gone: bool,
@@ -99,17 +99,20 @@ pub async fn lines(app: &App, rows: Vec<Row>) -> AppResult<Vec<Line>> {
     let runs: Vec<String> = rows.iter().map(|row| row.standing.run.clone()).collect();
     let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
     let mut cards = of_runs(app, &runs).await?;
-    let mut before: Option<usize> = None;
+    let is_one_track = rows.windows(2).all(|two| two[0].standing.track == two[1].standing.track);
+    // The greatest rank that a run above may have.
+    let mut above: Option<usize> = None;
     let line = |row: Row| {
         let owner = row.standing.owner.clone().filter(|_| row.standing.anonymous_until_ms.is_none());
         let card = cards.remove(&row.standing.run).unwrap_or_default();
-        let first = row.places.map(|places| places.first);
-        let begins_group = before.zip(first).is_some_and(|(before, first)| first > before);
-        before = first.or(before);
+        let places = row.places.filter(|_| is_one_track);
+        let begins_group = above.zip(places).is_some_and(|(above, own)| own.first > above);
+        above = above.max(places.map(|places| places.last));
+        let prompts = (!is_one_track).then(|| format!("{} prompts", row.standing.track.name()));
         let cost = card.cost.as_ref().map(|cost| format!("{} {}", money(cost.amount), cost.currency));
         let copied_from = row.copied_from;
         Line::Run(Box::new(RunLine {
-            about: about(&card, owner),
+            about: about(&card, owner, prompts),
             cost,
             copied_from,
             begins_group,
@@ -138,7 +141,7 @@ pub fn with_reported(mut lines: Vec<Line>, reported: &[ReportedRow]) -> Vec<Line
     lines
 }
 
-fn about(card: &Card, owner: Option<String>) -> String {
+fn about(card: &Card, owner: Option<String>, prompts: Option<String>) -> String {
     let model = card.model.as_ref();
     let openness = model.and_then(|model| model.openness).map(|openness| match openness {
         Openness::OpenSource => "open source".to_owned(),
@@ -146,7 +149,7 @@ fn about(card: &Card, owner: Option<String>) -> String {
         Openness::Closed => "closed".to_owned(),
     });
     let name = model.and_then(|model| model.name.clone());
-    [name, owner, openness].into_iter().flatten().collect::<Vec<_>>().join(" · ")
+    [prompts, name, owner, openness].into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
 /// Writes an amount of money: cents where they matter.
@@ -193,8 +196,8 @@ mod tests {
     fn cards_are_told_in_a_few_words() {
         let card = serde_json::json!({ "model": { "name": "m-7b", "openness": "open-weights" } });
         let card: Card = serde_json::from_value(card).unwrap();
-        assert_eq!(about(&card, Some("lab".to_owned())), "m-7b · lab · open weights");
-        assert_eq!(about(&Card::default(), None), "");
+        assert_eq!(about(&card, Some("lab".to_owned()), None), "m-7b · lab · open weights");
+        assert_eq!(about(&Card::default(), None, Some("brief prompts".to_owned())), "brief prompts");
         assert_eq!([money(0.5), money(123.4), money(0.0004)], ["0.50", "123", "0.0004"]);
     }
 }

@@ -85,10 +85,10 @@ impl Shown {
         turn.checks.iter().filter(|check| check.finding.holds()).collect()
     }
 
-    /// Returns the number of failed checks, and of all that count.
+    /// Returns the number of failed checks, and of all, among those that decide whether the build is a solution.
     fn counts(report: &Report) -> (usize, usize) {
-        let failed = report.turns.iter().map(|turn| Self::failed(turn).len()).sum();
-        (failed, report.turns.iter().map(|turn| turn.checks.len()).sum())
+        let deciding = || report.turns.iter().flat_map(|turn| &turn.checks).filter(|check| check.criterion.decides());
+        (deciding().filter(|check| !check.finding.holds()).count(), deciding().count())
     }
 
     /// Returns the blocks that a check flags, as JSON.

@@ -522,5 +522,5 @@ class Viewer {
 for (const root of document.querySelectorAll(".viewer")) {
   const scene = JSON.parse(root.querySelector("script.scene").textContent);
   const log = typeof scene.log === "string" ? await fetch(scene.log).then((answer) => answer.json()) : scene.log;
-  new Viewer(root, scene, log).start();
+  if (!new Viewer(root, scene, log).start()) root.classList.add("still");
 }
