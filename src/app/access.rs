@@ -79,9 +79,9 @@ impl Caller {
                 Err(AppError::new(Kind::Forbidden, detail))
             }
             // Actions of an operator are recorded permanently under a name, so they always need a key.
-            None if scope == Scope::Admin => {
-                Err(unauthorized(self.refused.unwrap_or("this needs a key with the scope admin, here too")))
-            }
+            None if scope == Scope::Admin => Err(unauthorized(
+                self.refused.unwrap_or("this needs a key with the scope admin, even on an open service"),
+            )),
             None if self.open == Openness::Grading && !matches!(scope, Scope::Grade | Scope::Read) => Err(
                 unauthorized(self.refused.unwrap_or("this needs a key: Authorization: Bearer …; grading needs none")),
             ),

@@ -136,7 +136,7 @@ impl StressFields {
                 Ok(field)
             }
             Err(true) => {
-                let detail = "The service stops. The request may be sent again.";
+                let detail = "The service is shutting down. The request may be sent again.";
                 Err(AppError::new(Kind::Stopping, detail).retry_after(5))
             }
             Err(false) => {

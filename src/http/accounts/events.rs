@@ -72,7 +72,8 @@ pub async fn get_events(
     };
     let Beginning { of, after, has_ended } = begin(&state, query.run, query.submission, seen).await?;
     let place = state.event_streams.take(&who);
-    let place = place.map_err(|_| AppError::too_many("too many event streams are open; try again in a moment"))?;
+    let place =
+        place.map_err(|_| AppError::too_many("too many event streams are open; send the request again in a moment"))?;
     let feed = state.event_feed.follow();
     let following = Following {
         state,

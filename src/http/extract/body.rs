@@ -283,7 +283,7 @@ async fn read(mut body: Body, budget: &Arc<Semaphore>) -> AppResult<(Bytes, Opti
 }
 
 fn busy() -> AppError {
-    let detail = "too many large bodies are being read; try again in a moment";
+    let detail = "too many large bodies are being read; send the request again in a moment";
     AppError::new(Kind::Busy, detail).retry_after(1)
 }
 

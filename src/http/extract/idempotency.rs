@@ -61,7 +61,8 @@ impl InFlight {
             IdempotencyKey { owner: caller.owner().unwrap_or_default().to_owned(), key: key.to_owned(), body_hash };
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         if !keys.insert((once.owner.clone(), once.key.clone())) {
-            let detail = "a request with this Idempotency-Key is still being processed; try again in a moment";
+            let detail =
+                "a request with this Idempotency-Key is still being processed; send the request again in a moment";
             return Err(AppError::conflict("idempotency-in-flight", detail).retry_after(1));
         }
         drop(keys);
