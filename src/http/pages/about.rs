@@ -19,7 +19,7 @@ pub const CRITERIA: [(&str, &str); 7] = [
 ];
 
 /// Words of the pages, each with its meaning, in the order in which a reader meets them.
-const WORDS: [(&str, &str); 16] = [
+const WORDS: [(&str, &str); 17] = [
     (
         "Task",
         "A construction brief of one or several turns, with the checks that its build must pass. A suite is a versioned list of tasks, which never changes.",
@@ -29,6 +29,10 @@ const WORDS: [(&str, &str); 16] = [
     (
         "Solved",
         "The build passes every check of material, shape, size, plausibility and dependency. Stability and efficiency are scored beside it.",
+    ),
+    (
+        "Accurate",
+        "The build passes every check of material, shape and size. It is not solved if something in it floats, or if it was built in an order that does not work.",
     ),
     ("Score", "The share of problems solved. A problem without an answer counts as not solved."),
     ("Interval", "The range in which the true rate lies with 95 % confidence, given how few problems there are."),

@@ -33,6 +33,13 @@ struct Family {
     squares: Vec<Square>,
 }
 
+impl Family {
+    /// Returns the number of the first task that the run has a build for.
+    fn built(&self) -> Option<u32> {
+        self.squares.iter().find(|square| !square.class.is_empty()).map(|square| square.number)
+    }
+}
+
 /// Which problems the page of a run shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
