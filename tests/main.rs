@@ -1,5 +1,5 @@
-//! The integration tests, in one binary. Its folders mirror those of `src/http`; beside them stand `durability`,
-//! `conformance`, `browser`, `cli`, `fuzz`, `load` and `tidy`.
+//! The integration tests, in one binary. Its folders follow those of `src/http`; beside them stand `durability`,
+//! `conformance`, `browser`, `cli`, `actions`, `fuzz`, `load`, `docs` and `tidy`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 

@@ -142,7 +142,9 @@ async fn a_node_that_only_grades_needs_no_database() {
     assert_eq!(node.send(keyed).await.status, StatusCode::OK);
     body["task"] = json!("no-such");
     assert_eq!(node.post_json("/v1/grade", &body).await.faults(422), ["null /task"]);
-    assert_eq!(node.get("/v1/tasks").await.status, StatusCode::OK);
+    for path in ["/v1/tasks", "/v1/blocks", "/v1/agent-guide"] {
+        assert_eq!(node.get(path).await.status, StatusCode::OK, "{path}");
+    }
     assert_eq!(node.get("/readyz").await.status, StatusCode::OK);
     for path in ["/v1/runs", "/v1/leaderboards/mineceraft", "/boards/mineceraft", "/nosuch"] {
         let told = node.get(path).await;

@@ -199,7 +199,11 @@ async fn a_configuration_has_one_owner_over_all_epochs() {
         &["epochs", "create", "winter", "--closes", "2100-01-01", "--per-instance", "3"],
         Some(&scene.file("p.db")),
     );
-    assert!(made.status.success(), "{}", said(&made));
+    assert!(made.status.success() && !said(&made).contains("whole budget"), "{}", said(&made));
+    let rules = ["--owner-percent", "50", "--budget-bits", "100", "--dev-feedback", "criteria", "--no-siblings"];
+    let create = ["epochs", "create", "spring", "--closes", "2100-01-01", "--per-instance", "4"];
+    let made = run(&[&create[..], &rules].concat(), Some(&scene.file("p.db")));
+    assert!(said(&made).contains("one owner can spend the whole budget of 100 bits"), "{}", said(&made));
     let new = |configuration: &str, tier: &str| json!({ "agent": "a", "configuration_sha256": configuration, "tier": tier, "runs": 1 });
     let (autumn, winter) = ("/v1/epochs/autumn/entries", "/v1/epochs/winter/entries");
     scene.made(&lab, autumn, &new(CONFIGURATION, "official")).await;
