@@ -168,6 +168,7 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
     let again = scene.made(&lab, &path, &draw("another nonce of ours")).await;
     assert!(check("again.json", &again).contains("its receipt states these instances and prompts"));
     scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
+    scene.refused(&lab, "/v1/episodes", &json!({ "instance": again["instances"][0]["id"] }), "finalized").await;
     // An end that comes early is no breach, and is said.
     let closed = run(&["epochs", "close", "autumn", "--reason", "the suite changed"], Some(&scene.file("p.db")));
     assert!(closed.status.success(), "{}", said(&closed));
