@@ -15,6 +15,8 @@ pub(super) type Hash = [u8; 32];
 const MOST: usize = 512;
 /// Greatest length in bytes of a result that is kept, as JSON: it may hold a whole world.
 const MOST_BYTES: usize = 64 << 10;
+/// Greatest number of events and of blocks of a result whose length is looked at.
+const MOST_ITEMS: usize = 2_000;
 /// Time for which a result is kept. A crowded machine may have stopped a script that an idle one lets end.
 const KEPT_FOR: Duration = Duration::from_mins(10);
 
@@ -48,7 +50,11 @@ impl Endless {
     /// # Errors
     /// Returns an error if the result cannot be written as JSON.
     pub fn keep(&self, job: Hash, answer: &Answer, now: Instant) -> anyhow::Result<()> {
-        if answer.stopped().is_some_and(|stopped| stopped.limit == "time") {
+        let is_stopped = answer.stopped().is_some_and(|stopped| stopped.limit == "time");
+        let events: usize = answer.turns.iter().map(|turn| turn.events.len()).sum();
+        let stands = answer.end.as_ref().map_or(0, |end| end.standing().count());
+        // Writing a large result takes time.
+        if is_stopped && events + stands <= MOST_ITEMS {
             let bytes = serde_json::to_vec(answer)?.len();
             if bytes <= MOST_BYTES {
                 self.kept.insert(job, (now, answer.clone()));

@@ -99,8 +99,8 @@ impl Guide {
                 LIMITS.action_code_bytes, LIMITS.action_cpu_ms
             ),
             format!(
-                "A build has at most {} events, and {} blocks stand at any time.",
-                LIMITS.events, LIMITS.blocks_with_stress
+                "A build has at most {} events, and {} blocks stand at any time; {} where the stress in them is simulated at once.",
+                LIMITS.events, LIMITS.blocks_with_stress, LIMITS.grade_blocks_with_stress
             ),
         ];
         if self.has_commands {

@@ -10,6 +10,7 @@ use super::database::DatabaseArgs;
 use super::process::{block_on, say};
 use super::{files, progress};
 use crate::app::hidden::pools::publish_pool;
+use crate::app::limits::LIMITS;
 use crate::app::signing::{Others, signing};
 use crate::client::{DRAND, fetch_round};
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms, rfc3339};
@@ -176,7 +177,7 @@ pub fn run(args: &EpochsArgs) -> anyhow::Result<ExitCode> {
 
 /// Notes that one owner can end the epoch for everybody by spending its budget.
 fn warn_of_budget(new: &CreateArgs, rules: &Rules, feedback: Feedback, per_run: u32) {
-    let runs = rules.runs_per_owner.min(new.per_instance / 2);
+    let runs = rules.runs_per_owner.min(new.per_instance / 2).min(new.dev_entries.saturating_mul(LIMITS.entry_runs));
     let bits = f64::from(runs) * released_bits(feedback, per_run as usize);
     if bits >= f64::from(new.budget_bits) {
         say(&format!(

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::nbt::{pack, parse};
 use super::states::State;
+use super::versions::data_version;
 use super::{Build, Builder, DATA_VERSION, FileError, FileResult, MAX_CELLS, shifted};
 
 /// Versions of the format whose blocks have names.
@@ -16,6 +17,7 @@ const READ: std::ops::RangeInclusive<i32> = 5..=7;
 #[serde(rename_all = "PascalCase")]
 struct File {
     version: i32,
+    #[serde(default, deserialize_with = "data_version")]
     minecraft_data_version: Option<i32>,
     regions: BTreeMap<String, Region>,
 }

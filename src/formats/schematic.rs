@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::nbt::{pack, parse};
 use super::states::State;
+use super::versions::data_version;
 use super::{Build, Builder, DATA_VERSION, FileError, FileResult, MAX_AXIS, MAX_CELLS, shifted};
 
 /// Palette of a schematic: a number for each block state.
@@ -22,6 +23,7 @@ struct Root {
 #[serde(rename_all = "PascalCase")]
 struct Version3 {
     version: i32,
+    #[serde(default, deserialize_with = "data_version")]
     data_version: Option<i32>,
     width: i32,
     height: i32,
@@ -41,6 +43,7 @@ struct Blocks {
 #[serde(rename_all = "PascalCase")]
 struct Version2 {
     version: Option<i32>,
+    #[serde(default, deserialize_with = "data_version")]
     data_version: Option<i32>,
     width: i32,
     height: i32,

@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::nbt::{pack, parse};
 use super::states::State;
+use super::versions::data_version;
 use super::{Build, Builder, DATA_VERSION, FileError, FileResult};
 
 #[derive(Deserialize)]
 struct Structure {
-    #[serde(rename = "DataVersion")]
+    #[serde(rename = "DataVersion", default, deserialize_with = "data_version")]
     data_version: Option<i32>,
     size: [i32; 3],
     palette: Option<Vec<State>>,

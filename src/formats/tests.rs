@@ -111,30 +111,38 @@ proptest! {
 
 #[test]
 fn names_of_older_versions_are_those_of_today() {
-    let palette = |data_version: i32| {
-        let names = ["grass_path", "grass", "stone_slab", "oak_planks"];
-        let states: Vec<Vec<u8>> = names.iter().map(|name| text_member("Name", name)).collect();
-        let states = states.iter().flat_map(|state| [state.as_slice(), &[0]].concat()).collect::<Vec<u8>>();
-        let blocks: Vec<u8> = (0..4i32)
-            .flat_map(|at| {
-                let position = [&[3, 0, 0, 0, 3][..], &at.to_be_bytes(), &[0; 8]].concat();
-                [member(9, "pos", &position), member(3, "state", &at.to_be_bytes()), vec![0]].concat()
-            })
-            .collect();
-        let list = |count: i32, members: &[u8]| [&[10u8][..], &count.to_be_bytes(), members].concat();
-        let size: Vec<u8> = [&[3u8][..], &3i32.to_be_bytes(), &[4i32; 3].map(i32::to_be_bytes).concat()].concat();
-        let file = root(&[
-            &member(3, "DataVersion", &data_version.to_be_bytes()),
-            &member(9, "size", &size),
-            &member(9, "palette", &list(4, &states)),
-            &member(9, "blocks", &list(4, &blocks)),
-        ]);
-        read(&file, 10).map(|(_, build)| build.palette)
-    };
+    let palette = |data_version: i32| palette_of(&member(3, "DataVersion", &data_version.to_be_bytes()));
+    assert_eq!(palette_of(&text_member("DataVersion", "new")), palette(4189));
+    assert_eq!(palette_of(&member(6, "DataVersion", &4189f64.to_be_bytes())), palette(4189));
     assert_eq!(palette(4189).unwrap(), ["grass_path", "grass", "stone_slab", "oak_planks"]);
     assert_eq!(palette(3465).unwrap(), ["grass_path", "short_grass", "stone_slab", "oak_planks"]);
     assert_eq!(palette(1631).unwrap(), ["dirt_path", "short_grass", "smooth_stone_slab", "oak_planks"]);
+    for unknown in [0, -1] {
+        assert_eq!(palette(unknown), palette(4189));
+    }
     assert!(palette(1343).unwrap_err().to_string().contains("DataVersion: 1343 is older than Minecraft 1.13"));
+}
+
+/// Returns the palette of a structure with four blocks and this member.
+fn palette_of(data_version: &[u8]) -> FileResult<Vec<String>> {
+    let names = ["grass_path", "grass", "stone_slab", "oak_planks"];
+    let states: Vec<Vec<u8>> = names.iter().map(|name| text_member("Name", name)).collect();
+    let states = states.iter().flat_map(|state| [state.as_slice(), &[0]].concat()).collect::<Vec<u8>>();
+    let blocks: Vec<u8> = (0..4i32)
+        .flat_map(|at| {
+            let position = [&[3, 0, 0, 0, 3][..], &at.to_be_bytes(), &[0; 8]].concat();
+            [member(9, "pos", &position), member(3, "state", &at.to_be_bytes()), vec![0]].concat()
+        })
+        .collect();
+    let list = |count: i32, members: &[u8]| [&[10u8][..], &count.to_be_bytes(), members].concat();
+    let size: Vec<u8> = [&[3u8][..], &3i32.to_be_bytes(), &[4i32; 3].map(i32::to_be_bytes).concat()].concat();
+    let file = root(&[
+        data_version,
+        &member(9, "size", &size),
+        &member(9, "palette", &list(4, &states)),
+        &member(9, "blocks", &list(4, &blocks)),
+    ]);
+    read(&file, 10).map(|(_, build)| build.palette)
 }
 
 #[test]
@@ -189,7 +197,8 @@ fn files_that_mean_harm_are_refused_with_the_reason() {
     let stone = [("minecraft:stone", 0)];
     for (file, reason) in [
         (Vec::new(), "the file is empty"),
-        (b"{\"turns\": []}".to_vec(), "not NBT: it does not begin with a compound"),
+        (b"{\"turns\": []}".to_vec(), "text instead of NBT"),
+        (vec![9, 0, 0], "not NBT: it does not begin with a compound"),
         (b"\x1f\x8b\x08rest".to_vec(), "damaged gzip data"),
         (gzip(&vec![0; 64 << 20]), "more than 33554432 bytes unpacked"),
         (gzip(&deep), "nested deeper than 64 levels"),

@@ -1,5 +1,7 @@
 //! Names that blocks had in older versions of the game, which files keep.
 
+use serde::{Deserialize as _, Deserializer};
+
 use super::states::State;
 use super::{FileError, FileResult};
 
@@ -15,6 +17,15 @@ const RENAMED: [(&str, &str, i32); 5] = [
     ("grass", "short_grass", 3_698),
 ];
 
+/// Reads the version of the data from a file. One that is no whole number is as good as none.
+///
+/// # Errors
+/// Returns an error if the value is not NBT.
+pub fn data_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<i32>, D::Error> {
+    let value = fastnbt::Value::deserialize(deserializer)?;
+    Ok(value.as_i64().and_then(|version| version.try_into().ok()))
+}
+
 /// Names of blocks in the version of the game that a file was written for. Without a version they are those of today.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Names(Option<i32>);
@@ -24,10 +35,11 @@ impl Names {
     /// Returns an error for a version in which blocks have numbers.
     pub fn of(data_version: Option<i32>) -> FileResult<Self> {
         match data_version {
-            Some(old) if old < FIRST => Err(FileError::new(format!(
+            Some(old) if (1..FIRST).contains(&old) => Err(FileError::new(format!(
                 "DataVersion: {old} is older than Minecraft 1.13; load the build in a newer version of the game and save it anew"
             ))),
-            _ => Ok(Self(data_version)),
+            // Some programs write -1 or 0 for a version that they do not know.
+            _ => Ok(Self(data_version.filter(|version| *version > 0))),
         }
     }
 

@@ -29,10 +29,11 @@ impl Default for Place {
 }
 
 impl Place {
-    /// Returns the direction in degrees, yaw and pitch, from the feet to a position.
+    /// Returns the direction in degrees, yaw and pitch, from the anchor to a position.
     #[must_use]
     pub fn towards(&self, target: [f64; 3]) -> [f64; 2] {
         let [x, y, z]: [f64; 3] = std::array::from_fn(|axis| target[axis] - self.position[axis]);
+        let y = y - self.anchor;
         [z.atan2(x).to_degrees() - 90.0, -y.atan2(x.hypot(z)).to_degrees()]
     }
 

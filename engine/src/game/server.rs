@@ -46,10 +46,10 @@ impl World {
                 self.body.position = position;
                 let [yaw, pitch] = match view {
                     None => [self.body.yaw, self.body.pitch],
-                    Some(View::Angles([yaw, pitch])) => [yaw.from(self.body.yaw), pitch.from(self.body.pitch)],
-                    Some(View::Facing(target)) => self.body.towards(target.position(at)),
+                    Some(View::Angles([yaw, pitch])) => [yaw.from(at.yaw), pitch.from(at.pitch)],
+                    Some(View::Facing(target)) => Place { anchor: at.anchor, ..self.body }.towards(target.position(at)),
                 };
-                (self.body.yaw, self.body.pitch) = (yaw, pitch);
+                (self.body.yaw, self.body.pitch) = (yaw, pitch.clamp(-90.0, 90.0));
                 Ok(0)
             }
             Command::BlockLimit { blocks } => {
@@ -137,6 +137,9 @@ mod tests {
             (["tp @s 0 0 0 facing 10 0 0.5", "setblock ^ ^ ^2 stone"], "stone@2,0,0"),
             (["tp @s 0 0 0 facing 0.5 9 0.5", "setblock ^ ^ ^2 stone"], "stone@0,2,0"),
             (["tp @s ~ ~ ~ ~90 ~", "setblock ^ ^ ^2 stone"], "stone@-2,0,0"),
+            (["execute rotated 90 0 run tp @s ~ ~ ~ ~ ~", "setblock ^ ^ ^5 stone"], "stone@-5,0,0"),
+            (["execute anchored eyes run tp @s ~ ~ ~ facing ^ ^ ^5", "setblock ^ ^ ^9 stone"], "stone@0,0,9"),
+            (["tp @s ~ ~ ~ ~ 100", "setblock ^ ^ ^9 stone"], "stone@0,-9,0"),
             (["tp @s 5 0 5", "execute positioned as @s rotated as @s run setblock ^ ^ ^1 stone"], "stone@5,0,6"),
             (["tp @s 0 0 0", "execute anchored eyes run setblock ^ ^ ^3 stone"], "stone@0,1,3"),
             (["tp @s 0 0 0", "execute anchored eyes positioned 0 0 0 run setblock ^ ^ ^3 stone"], "stone@0,0,3"),

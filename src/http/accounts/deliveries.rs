@@ -161,7 +161,8 @@ pub async fn test_webhook(
 
 /// Delivers a message again.
 ///
-/// It may be one that was delivered or given up; a pending one is tried at once. Message and identifier stay the same.
+/// The message may have been delivered or given up; a pending one is tried at once. Message and identifier stay the
+/// same.
 #[utoipa::path(
     post, path = "/v1/webhooks/{id}/deliveries/{delivery}/retry", operation_id = "retry_delivery", tag = "webhooks",
     summary = "Deliver again",

@@ -89,7 +89,7 @@ impl From<Team> for TeamBody {
 
 /// Returns the team of the caller's owner.
 ///
-/// It has its members, and the live keys of all.
+/// A team has its members, and the live keys of all.
 #[utoipa::path(
     get, path = "/v1/team", operation_id = "get_team", tag = "service", summary = "Get a team",
     security(("key" = [])),
@@ -136,7 +136,7 @@ pub async fn put_member(
 
 /// Removes a member from the team.
 ///
-/// Its keys are revoked, and the service rejects them within half a second. What they sent stays the owner's.
+/// The member's keys are revoked, and the service rejects them within half a second. What they sent stays the owner's.
 #[utoipa::path(
     delete, path = "/v1/team/members/{name}", operation_id = "remove_member", tag = "service",
     summary = "Remove a member",

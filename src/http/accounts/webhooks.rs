@@ -121,7 +121,7 @@ pub async fn list_webhooks(State(state): State<AppState>, caller: Caller) -> App
 
 /// Returns a webhook.
 ///
-/// Its secret is not shown.
+/// The secret is not shown.
 #[utoipa::path(
     get, path = "/v1/webhooks/{id}", operation_id = "get_webhook", tag = "webhooks", summary = "Get a webhook",
     security(("key" = [])),
@@ -168,7 +168,7 @@ pub async fn put_webhook(
 
 /// Deletes a webhook.
 ///
-/// Its deliveries are deleted too.
+/// The webhook's deliveries are deleted too.
 #[utoipa::path(
     delete, path = "/v1/webhooks/{id}", operation_id = "delete_webhook", tag = "webhooks", summary = "Delete a webhook",
     params(("id" = String, Path, description = "The webhook's id")),

@@ -87,8 +87,8 @@ pub struct BoardActions {
 
 /// Lists every action on rows of a board.
 ///
-/// Each comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by owners, and
-/// the end of embargoes. The record is permanent.
+/// Each action comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by
+/// owners, and the end of embargoes. The record is permanent.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/actions", operation_id = "list_board_actions", tag = "leaderboards",
     summary = "List actions on rows",

@@ -66,7 +66,7 @@ impl From<breakdown::Breakdown> for Breakdown {
 
 /// Returns rates by group of tasks.
 ///
-/// They are those of the best runs, or of one run, by family, category, type, wording or criterion of the tasks.
+/// The rates are those of the best runs, or of one run, by family, category, type, wording or criterion of the tasks.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}/breakdown", operation_id = "get_breakdown", tag = "leaderboards",
     summary = "Get rates by group of tasks",

@@ -68,7 +68,7 @@ impl From<BoardQuery> for Selection {
 
 /// Returns the leaderboard of a suite.
 ///
-/// It has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have.
+/// The board has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have.
 #[utoipa::path(
     get, path = "/v1/leaderboards/{suite}", operation_id = "get_leaderboard", tag = "leaderboards",
     summary = "Get a leaderboard",

@@ -220,7 +220,7 @@ impl From<TaskListQuery> for TaskFilter {
 
 /// Lists the tasks of a suite.
 ///
-/// They come by number, with filters and paging, or as the data set of a trainer.
+/// Tasks come by number, with filters and paging, or as the data set of a trainer.
 #[utoipa::path(
     get, path = "/v1/tasks", operation_id = "list_tasks", tag = "tasks", summary = "List tasks",
     params(TaskListQuery),
@@ -289,7 +289,7 @@ fn summary(task: &Task, track: Track) -> TaskSummary {
 
 /// Returns a task.
 ///
-/// It comes with its instructions and its checks.
+/// A task comes with its instructions and its checks.
 #[utoipa::path(
     get, path = "/v1/tasks/{family}/{instance}", operation_id = "get_task", tag = "tasks", summary = "Get a task",
     params(

@@ -161,7 +161,7 @@ pub async fn open_episode(State(state): State<AppState>, caller: Caller, body: J
 
 /// Returns an episode.
 ///
-/// It has its state, the instruction of the turn, and where the body stands.
+/// An episode has its state, the instruction of the turn, and where the body stands.
 #[utoipa::path(
     get, path = "/v1/episodes/{id}", operation_id = "get_episode", tag = "episodes", summary = "Get an episode",
     params(("id" = String, Path, description = "The episode's id")),

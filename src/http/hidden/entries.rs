@@ -134,7 +134,7 @@ pub async fn create_entry(
 
 /// Returns an entry.
 ///
-/// It has its state and, as far as it is released, its result.
+/// An entry has its state and, as far as it is released, its result.
 #[utoipa::path(
     get, path = "/v1/entries/{id}", operation_id = "get_entry", tag = "hidden evaluation", summary = "Get an entry",
     params(("id" = String, Path, description = "The entry's id")),
@@ -149,8 +149,8 @@ pub async fn get_entry(State(state): State<AppState>, Path(id): Path<String>) ->
 
 /// Finalizes an entry.
 ///
-/// It then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This cannot be
-/// undone.
+/// The entry then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This
+/// cannot be undone.
 #[utoipa::path(
     post, path = "/v1/entries/{id}/finalize", operation_id = "finalize_entry", tag = "hidden evaluation",
     summary = "Finalize an entry",

@@ -155,7 +155,7 @@ impl From<EpochStatus> for EpochBody {
 
 /// Lists all epochs.
 ///
-/// Each comes with its commitments.
+/// Each epoch comes with its commitment.
 #[utoipa::path(
     get, path = "/v1/epochs", operation_id = "list_epochs", tag = "hidden evaluation", summary = "List epochs",
     responses(
@@ -169,7 +169,7 @@ pub async fn list_epochs(State(state): State<AppState>) -> AppResult<Json<EpochL
 
 /// Returns an epoch.
 ///
-/// It has its commitment, its rules and its current state.
+/// An epoch has its commitment, its rules and its current state.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}", operation_id = "get_epoch", tag = "hidden evaluation", summary = "Get an epoch",
     params(("epoch" = String, Path, description = "The epoch's name", example = "2026-11")),
@@ -233,7 +233,7 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
 
 /// Returns the answers of a closed epoch.
 ///
-/// They are the logs that answered its instances, one per line. `plumbline verify-epoch` grades them again.
+/// The answers are the logs for the epoch's instances, one per line. `plumbline verify-epoch` grades them again.
 #[utoipa::path(
     get, path = "/v1/epochs/{epoch}/answers", operation_id = "get_epoch_answers", tag = "hidden evaluation",
     summary = "Download a closed epoch's answers",

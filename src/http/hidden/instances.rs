@@ -68,7 +68,7 @@ impl From<IssuedInstance> for InstanceBody {
 
 /// Returns an instance.
 ///
-/// This needs a key of its owner.
+/// Only a key of the instance's owner may read it.
 #[utoipa::path(
     get, path = "/v1/instances/{id}", operation_id = "get_instance", tag = "hidden evaluation", summary = "Get an instance",
     params(("id" = String, Path, description = "The instance's id")),
@@ -144,8 +144,8 @@ pub async fn answer_instance(
 
 /// Checks a promised transcript.
 ///
-/// It was promised with an answer, and can be shown while the epoch is open. The service compares its SHA-256 and
-/// stores nothing of it.
+/// The transcript was promised with an answer, and can be shown while the epoch is open. The service compares its
+/// SHA-256 and stores nothing of it.
 #[utoipa::path(
     post, path = "/v1/instances/{id}/transcript", operation_id = "check_transcript", tag = "hidden evaluation",
     summary = "Show a promised transcript",

@@ -41,7 +41,7 @@ pub async fn list_receipts(State(state): State<AppState>, Params(query): Params<
 
 /// Returns the receipt of a submission's grade.
 ///
-/// It is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with `plumbline
+/// The receipt is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with `plumbline
 /// verify-receipt`.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/receipt", operation_id = "get_receipt", tag = "receipts", summary = "Get a submission's receipt",
@@ -66,7 +66,7 @@ pub struct ReceiptKeys {
 
 /// Returns the public keys of receipts.
 ///
-/// They verify the receipts of this service.
+/// The keys verify the receipts of this service.
 #[utoipa::path(
     get, path = "/.well-known/plumbline-receipts.json", operation_id = "get_receipt_keys", tag = "receipts",
     summary = "Get the public keys of receipts",

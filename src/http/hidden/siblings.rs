@@ -24,7 +24,7 @@ pub struct SiblingsQuery {
 
 /// Lists the public siblings.
 ///
-/// They are the specifications from which official runs draw a sibling for each hidden instance, one per line:
+/// Siblings are the specifications from which official runs draw a sibling for each hidden instance, one per line:
 /// prompts, parameters and checks. The list is the same for all epochs of a version, and anybody may train on it; the
 /// epoch's commitment has its root.
 #[utoipa::path(

@@ -94,7 +94,7 @@ pub async fn put_run_card(
 
 /// Returns the card of a run.
 ///
-/// Its history comes with it.
+/// The card comes with its history.
 #[utoipa::path(
     get, path = "/v1/runs/{id}/card", operation_id = "get_run_card", tag = "runs", summary = "Get a run's card",
     params(("id" = String, Path, description = "The run's id"), CardQuery),
@@ -137,7 +137,7 @@ pub async fn put_entry_card(
 
 /// Returns the card of an entry.
 ///
-/// Its history comes with it.
+/// The card comes with its history.
 #[utoipa::path(
     get, path = "/v1/entries/{id}/card", operation_id = "get_entry_card", tag = "hidden evaluation",
     summary = "Get an entry's card",

@@ -15,7 +15,7 @@ use plumbline_engine::intake::Faults;
 
 /// Finishes a run.
 ///
-/// This declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
+/// Finishing declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
 /// submission count as failed. The run finishes when all its submissions have been graded. The body is optional.
 #[utoipa::path(
     post, path = "/v1/runs/{id}/finish", operation_id = "finish_run", tag = "runs", summary = "Finish a run",
@@ -44,7 +44,7 @@ pub async fn finish_run(
 
 /// Deletes a run that is still open.
 ///
-/// Its pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its graded
+/// The run's pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its graded
 /// submissions stay, and the board still counts it among the runs that the agent has begun. A finished run cannot be
 /// deleted; its owner may withdraw it.
 #[utoipa::path(

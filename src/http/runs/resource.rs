@@ -184,8 +184,8 @@ pub async fn create_run(
 
 /// Returns a run.
 ///
-/// It has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a key that
-/// may submit, sees all of it.
+/// A run has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a key
+/// that may submit, sees all of it.
 #[utoipa::path(
     get, path = "/v1/runs/{id}", operation_id = "get_run", tag = "runs", summary = "Get a run",
     params(("id" = String, Path, description = "The run's id")),
@@ -295,7 +295,7 @@ pub struct SubmissionPage {
 
 /// Returns a page of a run's submissions.
 ///
-/// They are ordered by task number.
+/// Submissions are ordered by task number.
 #[utoipa::path(
     get, path = "/v1/runs/{id}/submissions", operation_id = "list_run_submissions", tag = "runs",
     summary = "List a run's submissions",

@@ -39,8 +39,8 @@ pub struct BlockList {
 
 /// Returns the blocks that the service knows.
 ///
-/// Each has the properties of its states. Logs under the profile `published` may have other names; an advisory names
-/// them.
+/// Each block has the properties of its states. Logs under the profile `published` may have other names; an advisory
+/// names them.
 #[utoipa::path(
     get, path = "/v1/blocks", operation_id = "list_blocks", tag = "service", summary = "List blocks",
     responses(

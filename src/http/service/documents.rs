@@ -25,7 +25,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Returns the metrics.
 ///
-/// They are in the Prometheus text format.
+/// The metrics are in the Prometheus text format.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service", summary = "Get the metrics",
     responses(

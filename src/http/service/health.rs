@@ -37,7 +37,7 @@ pub async fn get_health() -> Json<Health> {
 
 /// Reports whether the service can take work.
 ///
-/// It can if, within the last second, a transaction was written durably and every table was read.
+/// The service can take work if, within the last second, a transaction was written durably and every table was read.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service", summary = "Check readiness",
     responses(

@@ -60,7 +60,7 @@ impl ProfileBody {
 
 /// Lists the profiles.
 ///
-/// Each has the functions that action code finds under it.
+/// Each profile has the functions that action code finds under it.
 #[utoipa::path(
     get, path = "/v1/profiles", operation_id = "list_profiles", tag = "service", summary = "List profiles",
     responses(

@@ -62,8 +62,8 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> Response {
 
 /// Checks one or many submissions without submitting them.
 ///
-/// It checks everything that posting checks, and reports all faults at once. Nothing is stored or graded, and no quota
-/// is used.
+/// Everything that posting checks is checked, and all faults are reported at once. Nothing is stored or graded, and no
+/// quota is used.
 #[utoipa::path(
     post, path = "/v1/validate", operation_id = "validate_submission", tag = "submissions",
     summary = "Check a submission without submitting it",

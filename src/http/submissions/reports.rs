@@ -62,7 +62,8 @@ pub struct ReportQuery {
 
 /// Returns a report.
 ///
-/// It says what was measured and what was required for each turn, check and criterion, with the cells that show it.
+/// The report says what was measured and what was required for each turn, check and criterion, with the cells that
+/// show it.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/report", operation_id = "get_report", tag = "submissions", summary = "Get a report",
     params(("id" = String, Path, description = "The submission's id"), ReportQuery),
@@ -95,7 +96,7 @@ pub async fn get_report(
 
 /// Returns the log as stored.
 ///
-/// It is canonical JSON, whose SHA-256 is the log hash.
+/// The log is canonical JSON, whose SHA-256 is the log hash.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/log", operation_id = "get_log", tag = "submissions", summary = "Get a log",
     params(("id" = String, Path, description = "The submission's id")),

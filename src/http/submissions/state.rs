@@ -19,7 +19,7 @@ fn body(
 
 /// Returns a submission.
 ///
-/// It has its state and, once graded, its verdict.
+/// A submission has its state and, once graded, its verdict.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}", operation_id = "get_submission", tag = "submissions", summary = "Get a submission",
     params(("id" = String, Path, description = "The submission's id")),
@@ -34,7 +34,7 @@ pub async fn get_submission(State(state): State<AppState>, Path(id): Path<String
 
 /// Cancels a submission.
 ///
-/// It must be queued or being graded. It ends as `cancelled`, and its task may be answered again.
+/// The submission must be queued or being graded. It ends as `cancelled`, and its task may be answered again.
 #[utoipa::path(
     post, path = "/v1/submissions/{id}/cancel", operation_id = "cancel_submission", tag = "submissions",
     summary = "Cancel a submission",

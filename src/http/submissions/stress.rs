@@ -122,8 +122,8 @@ pub enum StressAnswer {
 
 /// Returns the stress field of a build.
 ///
-/// It has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from the
-/// log on request, also for tasks without a stress check.
+/// The field has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed
+/// from the log on request, also for tasks without a stress check.
 #[utoipa::path(
     get, path = "/v1/submissions/{id}/stress", operation_id = "get_stress", tag = "submissions",
     summary = "Get a stress field",

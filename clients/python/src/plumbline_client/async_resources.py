@@ -26,13 +26,15 @@ class AsyncBoards:
         return await self._client._call(models.BoardAction, "POST", f"/v1/runs/{quoted(id)}/board-actions", json=given({"action": action, "reason": reason}))
 
     async def actions(self, suite: str) -> models.BoardActions:
-        """Each comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by owners,
-        and the end of embargoes. The record is permanent.
+        """Each action comes with its actor and reason: hiding, restoring and regrading by the operator, withdrawals by
+        owners, and the end of embargoes. The record is permanent.
         """
         return await self._client._call(models.BoardActions, "GET", f"/v1/leaderboards/{quoted(suite)}/actions")
 
     async def breakdown(self, suite: str, *, by: Literal["family", "category", "type", "wording", "criterion"] | None = None, run: str | UUID | None = None) -> models.Breakdown:
-        """They are those of the best runs, or of one run, by family, category, type, wording or criterion of the tasks."""
+        """The rates are those of the best runs, or of one run, by family, category, type, wording or criterion of the
+        tasks.
+        """
         return await self._client._call(models.Breakdown, "GET", f"/v1/leaderboards/{quoted(suite)}/breakdown", params={"by": by, "run": run})
 
     async def compare(self, suite: str, *, a: str | UUID, b: str | UUID) -> models.Comparison:
@@ -44,11 +46,15 @@ class AsyncBoards:
         return await self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}/feed.atom")
 
     async def get(self, suite: str, *, sort: Literal["overall", "accuracy", "material", "shape", "size", "physical_plausibility", "dependency", "structural_stability", "efficiency", "coverage", "finished"] | None = None, order: Literal["desc", "asc"] | None = None, agent: str | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, coverage: Literal["complete", "incomplete"] | None = None, runs: Literal["all", "best_of_agent"] | None = None, as_of: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> models.BoardBody:
-        """It has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have."""
+        """The board has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may
+        have.
+        """
         return await self._client._call(models.BoardBody, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "runs": runs, "as_of": as_of, "after": after, "limit": limit})
 
     async def get_as(self, suite: str, *, format: Literal["csv", "ndjson", "markdown"], sort: Literal["overall", "accuracy", "material", "shape", "size", "physical_plausibility", "dependency", "structural_stability", "efficiency", "coverage", "finished"] | None = None, order: Literal["desc", "asc"] | None = None, agent: str | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, coverage: Literal["complete", "incomplete"] | None = None, runs: Literal["all", "best_of_agent"] | None = None, as_of: str | None = None, after: str | UUID | None = None, limit: int | None = None) -> str:
-        """It has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may have."""
+        """The board has the finished runs, best first unless sorted otherwise, each with the range of ranks that it may
+        have.
+        """
         return await self._client._call(str, "GET", f"/v1/leaderboards/{quoted(suite)}", params={"sort": sort, "order": order, "agent": agent, "provenance": provenance, "track": track, "coverage": coverage, "runs": runs, "as_of": as_of, "after": after, "limit": limit, "format": format})
 
     async def repeats(self, suite: str) -> models.RepeatsBody:
@@ -68,7 +74,7 @@ class AsyncEntries:
         self._client = client
 
     async def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
-        """Its history comes with it."""
+        """The card comes with its history."""
         return await self._client._call(models.CardBody, "GET", f"/v1/entries/{quoted(id)}/card", params={"prompt": prompt})
 
     async def create(self, epoch: str, *, agent: str, configuration_sha256: str, tier: Literal["dev", "official"], runs: int, idempotency_key: str | None = None) -> models.EntryBody:
@@ -85,13 +91,13 @@ class AsyncEntries:
         return await self._client._call(models.InstanceList, "POST", f"/v1/entries/{quoted(id)}/instances", json=given({"run": run, "nonce": nonce}))
 
     async def finalize(self, id: str | UUID) -> models.EntryBody:
-        """It then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This cannot
-        be undone.
+        """The entry then takes no more answers. Unanswered instances and runs that were not drawn count as failed. This
+        cannot be undone.
         """
         return await self._client._call(models.EntryBody, "POST", f"/v1/entries/{quoted(id)}/finalize", is_repeatable=True)
 
     async def get(self, id: str | UUID) -> models.EntryBody:
-        """It has its state and, as far as it is released, its result."""
+        """An entry has its state and, as far as it is released, its result."""
         return await self._client._call(models.EntryBody, "GET", f"/v1/entries/{quoted(id)}")
 
     async def put_card(self, id: str | UUID, *, agent_version: str | None = None, harness: models.Harness | Mapping[str, Any] | None = None, model: models.CardModel | Mapping[str, Any] | None = None, system_prompt: models.SystemPrompt | Mapping[str, Any] | None = None, sampling: models.Sampling | Mapping[str, Any] | None = None, tokens: models.Tokens | Mapping[str, Any] | None = None, cost: models.Cost | Mapping[str, Any] | None = None, configuration_sha256: str | None = None, links: Sequence[models.Link | Mapping[str, Any]] | None = None) -> models.CardBody:
@@ -106,7 +112,7 @@ class AsyncEpisodes:
         self._client = client
 
     async def get(self, id: str | UUID) -> models.EpisodeBody:
-        """It has its state, the instruction of the turn, and where the body stands."""
+        """An episode has its state, the instruction of the turn, and where the body stands."""
         return await self._client._call(models.EpisodeBody, "GET", f"/v1/episodes/{quoted(id)}")
 
     async def next_turn(self, id: str | UUID, *, step: int | None = None) -> models.EpisodeBody:
@@ -152,7 +158,7 @@ class AsyncEpochs:
         self._client = client
 
     async def answers(self, epoch: str) -> str:
-        """They are the logs that answered its instances, one per line. `plumbline verify-epoch` grades them again."""
+        """The answers are the logs for the epoch's instances, one per line. `plumbline verify-epoch` grades them again."""
         return await self._client._call(str, "GET", f"/v1/epochs/{quoted(epoch)}/answers")
 
     async def bring_round(self, epoch: str, *, round: int, signature: str, randomness: str | None = None, previous_signature: str | None = None) -> models.EpochBody:
@@ -162,7 +168,7 @@ class AsyncEpochs:
         return await self._client._call(models.EpochBody, "POST", f"/v1/epochs/{quoted(epoch)}/beacon", json=given({"round": round, "signature": signature, "randomness": randomness, "previous_signature": previous_signature}))
 
     async def get(self, epoch: str) -> models.EpochBody:
-        """It has its commitment, its rules and its current state."""
+        """An epoch has its commitment, its rules and its current state."""
         return await self._client._call(models.EpochBody, "GET", f"/v1/epochs/{quoted(epoch)}")
 
     async def leaderboard(self, epoch: str, *, tier: Literal["dev", "official"] | None = None, provenance: str | None = None) -> models.EpochBoard:
@@ -172,7 +178,7 @@ class AsyncEpochs:
         return await self._client._call(models.EpochBoard, "GET", f"/v1/epochs/{quoted(epoch)}/leaderboard", params={"tier": tier, "provenance": provenance})
 
     async def list(self) -> models.EpochList:
-        """Each comes with its commitments."""
+        """Each epoch comes with its commitment."""
         return await self._client._call(models.EpochList, "GET", "/v1/epochs")
 
     async def reveal(self, epoch: str) -> dict[str, Any]:
@@ -182,9 +188,9 @@ class AsyncEpochs:
         return await self._client._call(ANY, "GET", f"/v1/epochs/{quoted(epoch)}/reveal")
 
     async def siblings(self, *, generator_version: int | None = None) -> str:
-        """They are the specifications from which official runs draw a sibling for each hidden instance, one per line:
-        prompts, parameters and checks. The list is the same for all epochs of a version, and anybody may
-        train on it; the epoch's commitment has its root.
+        """Siblings are the specifications from which official runs draw a sibling for each hidden instance, one per
+        line: prompts, parameters and checks. The list is the same for all epochs of a version, and anybody
+        may train on it; the epoch's commitment has its root.
         """
         return await self._client._call(str, "GET", "/v1/siblings", params={"generator_version": generator_version})
 
@@ -202,13 +208,13 @@ class AsyncInstances:
         return await self._client._call(models.AnswerTaken, "POST", f"/v1/instances/{quoted(id)}/answer", json=given({"turns": turns, "log": log, "profile": profile, "transcript_sha256": transcript_sha256}), is_repeatable=True)
 
     async def check_transcript(self, id: str | UUID, body: Mapping[str, Any]) -> models.InstanceBody:
-        """It was promised with an answer, and can be shown while the epoch is open. The service compares its SHA-256 and
-        stores nothing of it.
+        """The transcript was promised with an answer, and can be shown while the epoch is open. The service compares its
+        SHA-256 and stores nothing of it.
         """
         return await self._client._call(models.InstanceBody, "POST", f"/v1/instances/{quoted(id)}/transcript", json=body, is_repeatable=True)
 
     async def get(self, id: str | UUID) -> models.InstanceBody:
-        """This needs a key of its owner."""
+        """Only a key of the instance's owner may read it."""
         return await self._client._call(models.InstanceBody, "GET", f"/v1/instances/{quoted(id)}")
 
     async def receipt(self, id: str | UUID) -> models.ReceiptFile:
@@ -237,7 +243,7 @@ class AsyncNemoGym:
         return await self._client._call(models.SessionAnswer, "POST", "/close_session", json=given({"resources_session_id": resources_session_id}), is_repeatable=True)
 
     async def reverify_mode(self) -> str:
-        """It may, with the same result."""
+        """A response may be verified again, with the same result."""
         return await self._client._call(str, "GET", "/reverify_mode")
 
     async def seed_session(self, *, resources_session_id: str | None = None) -> models.SessionAnswer:
@@ -260,7 +266,7 @@ class AsyncReceipts:
         self._client = client
 
     async def keys(self) -> models.ReceiptKeys:
-        """They verify the receipts of this service."""
+        """The keys verify the receipts of this service."""
         return await self._client._call(models.ReceiptKeys, "GET", "/.well-known/plumbline-receipts.json")
 
     async def list(self, *, after: int | None = None, limit: int | None = None) -> models.ReceiptPage:
@@ -268,8 +274,8 @@ class AsyncReceipts:
         return await self._client._call(models.ReceiptPage, "GET", "/v1/receipts", params={"after": after, "limit": limit})
 
     async def of_submission(self, id: str | UUID) -> models.ReceiptFile:
-        """It is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with `plumbline
-        verify-receipt`.
+        """The receipt is that of the latest grade by a worker; a regrade creates no receipt. Check it offline with
+        `plumbline verify-receipt`.
         """
         return await self._client._call(models.ReceiptFile, "GET", f"/v1/submissions/{quoted(id)}/receipt")
 
@@ -309,7 +315,7 @@ class AsyncRuns:
         self._client = client
 
     async def card(self, id: str | UUID, *, prompt: bool | None = None) -> models.CardBody:
-        """Its history comes with it."""
+        """The card comes with its history."""
         return await self._client._call(models.CardBody, "GET", f"/v1/runs/{quoted(id)}/card", params={"prompt": prompt})
 
     async def create(self, *, agent: str, suite: str, metadata: Mapping[str, Any] | None = None, provenance: Literal["self-reported", "re-run-by-host"] | None = None, track: Literal["specified", "brief"] | None = None, card: models.Card | Mapping[str, Any] | None = None, embargo: models.NewEmbargo | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.RunBody:
@@ -317,22 +323,22 @@ class AsyncRuns:
         return await self._client._call(models.RunBody, "POST", "/v1/runs", json=given({"agent": agent, "suite": suite, "metadata": metadata, "provenance": provenance, "track": track, "card": card, "embargo": embargo}), once=idempotency_key or new_key())
 
     async def delete(self, id: str | UUID) -> models.RunBody:
-        """Its pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its graded
-        submissions stay, and the board still counts it among the runs that the agent has begun. A finished
-        run cannot be deleted; its owner may withdraw it.
+        """The run's pending submissions are cancelled, and only `state=deleted` lists it. Reports and receipts of its
+        graded submissions stay, and the board still counts it among the runs that the agent has begun. A
+        finished run cannot be deleted; its owner may withdraw it.
         """
         return await self._client._call(models.RunBody, "DELETE", f"/v1/runs/{quoted(id)}")
 
     async def finish(self, id: str | UUID, *, skip: Literal["unanswered"] | Sequence[str | int] | None = None) -> models.RunBody:
-        """This declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
+        """Finishing declares that no more submissions will come, and which tasks are skipped on purpose. Tasks without a
         submission count as failed. The run finishes when all its submissions have been graded. The body is
         optional.
         """
         return await self._client._call(models.RunBody, "POST", f"/v1/runs/{quoted(id)}/finish", json=given({"skip": skip}), is_repeatable=True)
 
     async def get(self, id: str | UUID) -> models.RunBody:
-        """It has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a key
-        that may submit, sees all of it.
+        """A run has its progress and, once finished, its summary. A run under embargo shows an alias; its owner, with a
+        key that may submit, sees all of it.
         """
         return await self._client._call(models.RunBody, "GET", f"/v1/runs/{quoted(id)}")
 
@@ -351,7 +357,7 @@ class AsyncRuns:
         return await self._client._call(models.CardBody, "PUT", f"/v1/runs/{quoted(id)}/card", json=given({"agent_version": agent_version, "harness": harness, "model": model, "system_prompt": system_prompt, "sampling": sampling, "tokens": tokens, "cost": cost, "configuration_sha256": configuration_sha256, "links": links}), is_repeatable=True)
 
     async def submissions(self, id: str | UUID, *, after: int | None = None, limit: int | None = None) -> models.SubmissionPage:
-        """They are ordered by task number."""
+        """Submissions are ordered by task number."""
         return await self._client._call(models.SubmissionPage, "GET", f"/v1/runs/{quoted(id)}/submissions", params={"after": after, "limit": limit})
 
     async def withdraw(self, id: str | UUID, *, reason: str) -> models.RunBody:
@@ -369,8 +375,8 @@ class AsyncService:
         self._client = client
 
     async def blocks(self) -> models.BlockList:
-        """Each has the properties of its states. Logs under the profile `published` may have other names; an advisory
-        names them.
+        """Each block has the properties of its states. Logs under the profile `published` may have other names; an
+        advisory names them.
         """
         return await self._client._call(models.BlockList, "GET", "/v1/blocks")
 
@@ -383,7 +389,7 @@ class AsyncService:
         return await self._client._call(models.Limits, "GET", "/v1/limits")
 
     async def metrics(self) -> str:
-        """They are in the Prometheus text format."""
+        """The metrics are in the Prometheus text format."""
         return await self._client._call(str, "GET", "/metrics")
 
     async def openapi(self) -> dict[str, Any]:
@@ -391,7 +397,7 @@ class AsyncService:
         return await self._client._call(ANY, "GET", "/openapi.json")
 
     async def profiles(self) -> models.ProfileList:
-        """Each has the functions that action code finds under it."""
+        """Each profile has the functions that action code finds under it."""
         return await self._client._call(models.ProfileList, "GET", "/v1/profiles")
 
     async def quota(self, *, owner: str | None = None, before: int | None = None, limit: int | None = None) -> models.QuotaBody:
@@ -402,7 +408,9 @@ class AsyncService:
         return await self._client._call(models.QuotaBody, "GET", "/v1/quota", params={"owner": owner, "before": before, "limit": limit})
 
     async def readiness(self) -> models.Health:
-        """It can if, within the last second, a transaction was written durably and every table was read."""
+        """The service can take work if, within the last second, a transaction was written durably and every table was
+        read.
+        """
         return await self._client._call(models.Health, "GET", "/readyz")
 
 
@@ -413,7 +421,7 @@ class AsyncSubmissions:
         self._client = client
 
     async def cancel(self, id: str | UUID) -> models.SubmissionBody:
-        """It must be queued or being graded. It ends as `cancelled`, and its task may be answered again."""
+        """The submission must be queued or being graded. It ends as `cancelled`, and its task may be answered again."""
         return await self._client._call(models.SubmissionBody, "POST", f"/v1/submissions/{quoted(id)}/cancel", is_repeatable=True)
 
     async def create(self, *, task: str | int, run: str | UUID | None = None, suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None, idempotency_key: str | None = None) -> models.AcceptedBody:
@@ -425,11 +433,11 @@ class AsyncSubmissions:
         return await self._client._call(models.AcceptedBody, "POST", "/v1/submissions", json=given({"run": run, "suite": suite, "task": task, "profile": profile, "turns": turns, "log": log}), once=idempotency_key or new_key())
 
     async def get(self, id: str | UUID) -> models.SubmissionBody:
-        """It has its state and, once graded, its verdict."""
+        """A submission has its state and, once graded, its verdict."""
         return await self._client._call(models.SubmissionBody, "GET", f"/v1/submissions/{quoted(id)}")
 
     async def log(self, id: str | UUID) -> models.StoredLogBody:
-        """It is canonical JSON, whose SHA-256 is the log hash."""
+        """The log is canonical JSON, whose SHA-256 is the log hash."""
         return await self._client._call(models.StoredLogBody, "GET", f"/v1/submissions/{quoted(id)}/log")
 
     async def replay(self, *, profile: Literal["published", "mindcraft"] | None = None, action_code: str | Sequence[str] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None) -> models.ReplayBody:
@@ -439,20 +447,20 @@ class AsyncSubmissions:
         return await self._client._call(models.ReplayBody, "POST", "/v1/replay", json=given({"profile": profile, "action_code": action_code, "turns": turns}), is_repeatable=True)
 
     async def report(self, id: str | UUID, *, attempt: int | None = None) -> models.ReportBody:
-        """It says what was measured and what was required for each turn, check and criterion, with the cells that show
-        it.
+        """The report says what was measured and what was required for each turn, check and criterion, with the cells
+        that show it.
         """
         return await self._client._call(models.ReportBody, "GET", f"/v1/submissions/{quoted(id)}/report", params={"attempt": attempt})
 
     async def stress(self, id: str | UUID, *, method: Literal["sph", "fem"] | None = None, turn: int | None = None) -> models.StressBody:
-        """It has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from
-        the log on request, also for tasks without a stress check.
+        """The field has the stress (Pa) and the displacement (m) of each block that a submission built. They are
+        computed from the log on request, also for tasks without a stress check.
         """
         return await self._client._call(models.StressBody, "GET", f"/v1/submissions/{quoted(id)}/stress", params={"method": method, "turn": turn})
 
     async def stress_as(self, id: str | UUID, *, format: Literal["ndjson", "arrays"], method: Literal["sph", "fem"] | None = None, turn: int | None = None) -> str:
-        """It has the stress (Pa) and the displacement (m) of each block that a submission built. They are computed from
-        the log on request, also for tasks without a stress check.
+        """The field has the stress (Pa) and the displacement (m) of each block that a submission built. They are
+        computed from the log on request, also for tasks without a stress check.
         """
         return await self._client._call(str, "GET", f"/v1/submissions/{quoted(id)}/stress", params={"method": method, "turn": turn, "format": format})
 
@@ -463,8 +471,8 @@ class AsyncSubmissions:
         return await self._client._call(bytes, "GET", f"/v1/submissions/{quoted(id)}/structure", params={"format": format, "turn": turn})
 
     async def validate(self, *, task: str | int, run: str | UUID | None = None, suite: str | None = None, profile: Literal["published", "mindcraft"] | None = None, turns: Sequence[models.NewTurn | Mapping[str, Any]] | None = None, log: models.StoredLogBody | Mapping[str, Any] | None = None) -> models.ValidatedList:
-        """It checks everything that posting checks, and reports all faults at once. Nothing is stored or graded, and no
-        quota is used.
+        """Everything that posting checks is checked, and all faults are reported at once. Nothing is stored or graded,
+        and no quota is used.
         """
         return await self._client._call(models.ValidatedList, "POST", "/v1/validate", json=given({"run": run, "suite": suite, "task": task, "profile": profile, "turns": turns, "log": log}), is_repeatable=True)
 
@@ -503,15 +511,15 @@ class AsyncTasks:
         return await self._client._call(str, "GET", "/v1/agent-guide", params={"profile": profile, "format": format})
 
     async def get(self, task: str, *, for_: Literal["agent"] | None = None, track: Literal["specified", "brief"] | None = None, suite: str | None = None) -> models.TaskBody:
-        """It comes with its instructions and its checks."""
+        """A task comes with its instructions and its checks."""
         return await self._client._call(models.TaskBody, "GET", f"/v1/tasks/{quoted(task, safe='/')}", params={"for": for_, "track": track, "suite": suite})
 
     async def list(self, *, suite: str | None = None, family: str | None = None, category: Literal["structural-elements", "building-types", "architectural-elements", "construction-management", "civil-engineering"] | None = None, type: str | None = None, criterion: Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"] | None = None, track: Literal["specified", "brief"] | None = None, text: str | None = None, after: int | None = None, limit: int | None = None, scheme: Literal["strict", "shaped", "mean"] | None = None, profile: Literal["published", "mindcraft"] | None = None) -> models.TaskPage:
-        """They come by number, with filters and paging, or as the data set of a trainer."""
+        """Tasks come by number, with filters and paging, or as the data set of a trainer."""
         return await self._client._call(models.TaskPage, "GET", "/v1/tasks", params={"suite": suite, "family": family, "category": category, "type": type, "criterion": criterion, "track": track, "text": text, "after": after, "limit": limit, "scheme": scheme, "profile": profile})
 
     async def list_as(self, *, format: Literal["trl", "verl", "openrlhf", "nemo-gym", "lm-eval"], suite: str | None = None, family: str | None = None, category: Literal["structural-elements", "building-types", "architectural-elements", "construction-management", "civil-engineering"] | None = None, type: str | None = None, criterion: Literal["material", "shape", "size", "physical_plausibility", "structural_stability", "efficiency", "dependency"] | None = None, track: Literal["specified", "brief"] | None = None, text: str | None = None, after: int | None = None, limit: int | None = None, scheme: Literal["strict", "shaped", "mean"] | None = None, profile: Literal["published", "mindcraft"] | None = None) -> str:
-        """They come by number, with filters and paging, or as the data set of a trainer."""
+        """Tasks come by number, with filters and paging, or as the data set of a trainer."""
         return await self._client._call(str, "GET", "/v1/tasks", params={"suite": suite, "family": family, "category": category, "type": type, "criterion": criterion, "track": track, "text": text, "after": after, "limit": limit, "format": format, "scheme": scheme, "profile": profile})
 
 
@@ -528,7 +536,7 @@ class AsyncTeam:
         return await self._client._call(models.NewKeyBody, "POST", f"/v1/team/members/{quoted(name)}/keys", json=given({"scopes": scopes, "expires_days": expires_days}))
 
     async def get(self) -> models.TeamBody:
-        """It has its members, and the live keys of all."""
+        """A team has its members, and the live keys of all."""
         return await self._client._call(models.TeamBody, "GET", "/v1/team")
 
     async def put_member(self, name: str, *, role: Literal["reader", "submitter", "manager"]) -> models.TeamBody:
@@ -536,7 +544,9 @@ class AsyncTeam:
         return await self._client._call(models.TeamBody, "PUT", f"/v1/team/members/{quoted(name)}", json=given({"role": role}), is_repeatable=True)
 
     async def remove_member(self, name: str) -> models.TeamBody:
-        """Its keys are revoked, and the service rejects them within half a second. What they sent stays the owner's."""
+        """The member's keys are revoked, and the service rejects them within half a second. What they sent stays the
+        owner's.
+        """
         return await self._client._call(models.TeamBody, "DELETE", f"/v1/team/members/{quoted(name)}")
 
     async def revoke_key(self, id: str | UUID) -> models.TeamBody:
@@ -566,7 +576,7 @@ class AsyncWebhooks:
         return await self._client._call(models.WebhookBody, "POST", "/v1/webhooks", json=given({"url": url, "events": events}))
 
     async def delete(self, id: str | UUID) -> models.WebhookBody:
-        """Its deliveries are deleted too."""
+        """The webhook's deliveries are deleted too."""
         return await self._client._call(models.WebhookBody, "DELETE", f"/v1/webhooks/{quoted(id)}")
 
     async def deliveries(self, id: str | UUID, *, state: Literal["pending", "delivered", "dead"] | None = None, before: str | None = None, limit: int | None = None) -> models.DeliveryPage:
@@ -574,7 +584,7 @@ class AsyncWebhooks:
         return await self._client._call(models.DeliveryPage, "GET", f"/v1/webhooks/{quoted(id)}/deliveries", params={"state": state, "before": before, "limit": limit})
 
     async def get(self, id: str | UUID) -> models.WebhookBody:
-        """Its secret is not shown."""
+        """The secret is not shown."""
         return await self._client._call(models.WebhookBody, "GET", f"/v1/webhooks/{quoted(id)}")
 
     async def list(self) -> models.WebhookList:
@@ -586,8 +596,8 @@ class AsyncWebhooks:
         return await self._client._call(models.WebhookBody, "PUT", f"/v1/webhooks/{quoted(id)}", json=given({"url": url, "events": events, "enabled": enabled}), is_repeatable=True)
 
     async def retry(self, id: str | UUID, delivery: str) -> models.DeliveryBody:
-        """It may be one that was delivered or given up; a pending one is tried at once. Message and identifier stay the
-        same.
+        """The message may have been delivered or given up; a pending one is tried at once. Message and identifier stay
+        the same.
         """
         return await self._client._call(models.DeliveryBody, "POST", f"/v1/webhooks/{quoted(id)}/deliveries/{quoted(delivery)}/retry")
 

@@ -32,7 +32,11 @@ const ANSWERS: [&str; 1] = [
 ];
 
 /// Token of gpt-oss (the Harmony format) that begins the name of a channel. The answer is in the channel `final`.
-const CHANNEL: &str = "<|channel|>";
+pub const CHANNEL: &str = "<|channel|>";
+/// What is left of the head of the thoughts where Harmony was decoded without its tokens.
+pub const ANALYSIS: &str = "analysis";
+/// What is then left of the end of the thoughts and the head of the answer.
+pub const FINAL: &str = "assistantfinal";
 /// Token of Harmony between the head of a message and its text.
 const MESSAGE: &str = "<|message|>";
 /// Most bytes of the head of a Harmony message, which may name a recipient and a format.
@@ -124,8 +128,6 @@ pub enum Bare {
 /// Returns what a text is if it is Harmony output that was decoded without its tokens.
 #[must_use]
 pub fn bare_channels(text: &str) -> Option<Bare> {
-    const ANALYSIS: &str = "analysis";
-    const FINAL: &str = "assistantfinal";
     let begin = text.len() - text.trim_start().len();
     let thought = text[begin..].strip_prefix(ANALYSIS)?;
     if let Some(at) = text.rfind(FINAL) {

@@ -46,6 +46,9 @@ pub fn before_answer(text: &str) -> usize {
     // A model that goes on after its message may begin another.
     let is_empty = |message: &str| {
         let message = message.trim_start();
+        // Some models do not think between the tags.
+        let thought = message.strip_prefix("<think>").and_then(|rest| rest.trim_start().strip_prefix("</think>"));
+        let message = thought.unwrap_or(message).trim_start();
         message.is_empty() || message.starts_with(head) || ENDS.iter().any(|token| message.starts_with(token))
     };
     let mut messages = text.rmatch_indices(head).map(|(at, _)| at + head.len());

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::marks::{Bare, LONGEST_MARK, Mark, Meaning, bare_channels, marks};
+use super::marks::{ANALYSIS, Bare, CHANNEL, FINAL, LONGEST_MARK, Mark, Meaning, bare_channels, marks};
 use super::template::{before_answer, message};
 use crate::text::line_of;
 
@@ -129,6 +129,14 @@ pub fn opened_at_the_end(prompt: &str) -> Option<&str> {
     Some(&end[last.begin..])
 }
 
+/// Returns an answer with the opening tag of its prompt before it. If decoding left the tokens of Harmony out of the answer,
+/// they are left out of the tag too.
+#[must_use]
+pub fn with_opening(opened: &str, answer: &str) -> String {
+    let is_bare = opened.starts_with(CHANNEL) && answer.contains(FINAL) && !answer.contains(CHANNEL);
+    format!("{}{answer}", if is_bare { ANALYSIS } else { opened })
+}
+
 /// Returns whether a text begins with a thought.
 #[must_use]
 pub fn begins_with_thought(text: &str) -> bool {
@@ -245,6 +253,10 @@ mod tests {
                 ("b", false),
             ),
             ("<|im_start|>user\na<|im_end|>\n<|im_start|>assistant\n<|im_end|>", ("", false)),
+            (
+                "<|im_start|>user\na<|im_end|>\n<|im_start|>assistant\nb<|im_end|>\n<|im_start|>assistant\n<think>\n\n</think>\n<|im_end|>",
+                ("b", false),
+            ),
             ("analysisWe need to build.", ("", true)),
             ("analysis: b", ("analysis: b", false)),
         ] {
@@ -264,6 +276,8 @@ mod tests {
         let channel = "<|channel|>analysis<|message|>";
         assert_eq!(opened_at_the_end(&format!("{}<|start|>assistant{channel}", "é".repeat(500))), Some(channel));
         assert_eq!(opened_at_the_end("<|start|>assistant<|channel|>final<|message|>"), None);
+        assert_eq!(shown(&with_opening(channel, "We plan.assistantfinalb")), ("b".to_owned(), false));
+        assert_eq!(shown(&with_opening(channel, "We plan.")), (String::new(), true));
         assert_eq!(opened_at_the_end("<think> a"), None);
         assert_eq!(opened_at_the_end("<start_of_turn>model\n<|channel>thought\n"), Some("<|channel>thought"));
         assert!(

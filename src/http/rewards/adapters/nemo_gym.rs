@@ -133,7 +133,7 @@ fn session(body: &JsonBody) -> AppResult<Response> {
 
 /// Returns whether a response may be verified again.
 ///
-/// It may, with the same result.
+/// A response may be verified again, with the same result.
 #[utoipa::path(
     get, path = "/reverify_mode", operation_id = "reverify_mode", tag = "rewards", summary = "NeMo Gym: get reverification mode",
     responses(

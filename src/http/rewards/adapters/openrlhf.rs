@@ -25,7 +25,7 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::text::thinking::opened_at_the_end;
+use plumbline_engine::intake::text::thinking::{opened_at_the_end, with_opening};
 use plumbline_engine::text::counted;
 
 /// Members of a label that are read.
@@ -134,7 +134,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         let is_whole = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
         // Templates of thinking models open the thought in the prompt, and an answer that is cut off never closes it.
         let opened = prompt.and_then(opened_at_the_end).filter(|_| !is_whole).unwrap_or_default();
-        let answer = format!("{opened}{answer}");
+        let answer = with_opening(opened, answer);
         let graded = match naming(&query.labels[i]) {
             Ok(naming) => judge(&state, who, &catalogue, &naming, vec![answer]).await,
             Err(error) => Err(error),
