@@ -254,9 +254,9 @@ async fn cosignatures_of_witnesses_that_the_operator_knows_are_shown() {
     assert!(witnesses["witnesses"][0]["size"].as_i64().unwrap() > size, "{witnesses}");
     let unsigned = early.rsplit_once("— w.example").unwrap().0.to_owned();
     for (body, status, told) in [
-        (Vec::new(), 400, "no checkpoint"),
+        (Vec::new(), 400, "not a checkpoint"),
         (b"\xff\xfe".to_vec(), 400, "no text"),
-        (early.replacen(&format!("\n{size}\n"), "\n999\n", 1).into_bytes(), 400, "no checkpoint"),
+        (early.replacen(&format!("\n{size}\n"), "\n999\n", 1).into_bytes(), 400, "not a checkpoint"),
         (unsigned.into_bytes(), 400, "--witness KEY"),
         (early.replace("/one", "/six").into_bytes(), 400, "--witness KEY"),
         (vec![b'x'; 20_000], 413, "more than 16384 bytes"),
