@@ -86,8 +86,7 @@ impl Pool {
     async fn run_files(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         let mut answer = Answer::default();
         let mut events = 0;
-        let all = self.inner.limits;
-        let most_ms = all.cpu_ms * FILES_TIMES;
+        let most_ms = self.inner.limits.cpu_ms * FILES_TIMES;
         for turn in &job.turns {
             let mut replayed: Option<Replayed> = None;
             let files = if let TurnInput::Code(files) = turn { files.as_slice() } else { &[] };

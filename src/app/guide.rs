@@ -99,7 +99,7 @@ impl Guide {
                 LIMITS.action_code_bytes, LIMITS.action_cpu_ms
             ),
             format!(
-                "A build has at most {} events, and {} blocks stand at any time; {} where the stress in them is simulated at once.",
+                "A build has at most {} events, and {} blocks stand at any time; {} for a task with a stress simulation that is graded at once.",
                 LIMITS.events, LIMITS.blocks_with_stress, LIMITS.grade_blocks_with_stress
             ),
         ];

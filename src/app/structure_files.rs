@@ -14,11 +14,12 @@ use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
 use crate::formats::{self, Build, FileFormat};
 use plumbline_engine::checks::Dimension;
-use plumbline_engine::game::side::Side;
+use plumbline_engine::game::{Look, Side};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::{SentLog, TurnFile};
 use plumbline_engine::tasks::Task;
 use plumbline_engine::text::counted;
+use plumbline_engine::voxel::blocks::is_bed;
 use plumbline_engine::voxel::cell::{CellMap, CellSet};
 use plumbline_engine::voxel::replay::{Replay, events_between};
 use plumbline_engine::voxel::{BlockLog, Cell, Profile, Structure, cell};
@@ -164,7 +165,7 @@ fn structure_of(base64: &str, corner: Option<[i32; 3]>, profile: Profile) -> Res
 /// Finds the beds of which a file has both halves. Returns the index of the head for the position of each foot, and the
 /// positions of these heads.
 fn heads_of_beds(build: &Build) -> (HashMap<[i32; 3], usize>, HashSet<[i32; 3]>) {
-    let beds: Vec<Option<(&str, &str, &str)>> = build.palette.iter().map(|block| bed_half(block)).collect();
+    let beds: Vec<Option<(&str, &str, Side)>> = build.palette.iter().map(|block| bed_half(block)).collect();
     let feet: HashMap<[i32; 3], u32> = build
         .blocks
         .iter()
@@ -174,8 +175,7 @@ fn heads_of_beds(build: &Build) -> (HashMap<[i32; 3], usize>, HashSet<[i32; 3]>)
     let (mut heads, mut listed) = (HashMap::new(), HashSet::new());
     for (index, (at, id)) in build.blocks.iter().enumerate() {
         let Some((name, "head", facing)) = beds[*id as usize] else { continue };
-        let Some(side) = Side::named(facing) else { continue };
-        let ahead: [i32; 3] = side.beside(Cell::new(0, 0, 0)).into();
+        let ahead: [i32; 3] = facing.beside(Cell::new(0, 0, 0)).into();
         let foot: [i32; 3] = std::array::from_fn(|axis| at[axis].wrapping_sub(ahead[axis]));
         let is_foot = |id: &u32| beds[*id as usize] == Some((name, "foot", facing));
         if feet.get(&foot).is_some_and(is_foot) {
@@ -187,12 +187,9 @@ fn heads_of_beds(build: &Build) -> (HashMap<[i32; 3], usize>, HashSet<[i32; 3]>)
 }
 
 /// Returns the name, the part and the direction of half a bed.
-fn bed_half(block: &str) -> Option<(&str, &str, &str)> {
-    let (name, states) = block.strip_suffix(']')?.split_once('[')?;
-    let value =
-        |property: &str| states.split(',').filter_map(|state| state.split_once('=')).find(|(own, _)| *own == property);
-    let ((_, part), (_, facing)) = (value("part")?, value("facing")?);
-    name.ends_with("_bed").then_some((name, part, facing))
+fn bed_half(block: &str) -> Option<(&'static str, &'static str, Side)> {
+    let state = Look::read(block).ok().filter(|look| is_bed(look.state.block().name))?.state;
+    Some((state.block().name, state.get("part")?, Side::named(state.get("facing")?)?))
 }
 
 fn cell_within([x, y, z]: [i64; 3]) -> Option<Cell> {

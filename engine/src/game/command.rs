@@ -86,21 +86,21 @@ pub enum Step {
 pub enum View {
     /// In a direction: yaw and pitch.
     Angles([Angle; 2]),
-    /// From the feet towards a position.
+    /// From the anchor towards a position.
     Facing(Coordinates),
 }
 
 /// An angle in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Angle {
-    /// The angle, or what is added to the one that the body has.
+    /// The angle, or what is added to that of the place where the command is carried out.
     pub degrees: f64,
     /// Whether it is added.
     pub is_relative: bool,
 }
 
 impl Angle {
-    /// Returns the angle, given the one that the body has.
+    /// Returns the angle, given that of the place.
     #[must_use]
     pub fn from(self, own: f64) -> f64 {
         if self.is_relative { own + self.degrees } else { self.degrees }

@@ -197,9 +197,9 @@ fn teleport(words: &mut Words<'_>) -> Result<Command, Refusal> {
 
 /// Returns whether a target means the only body.
 fn is_body(target: &str) -> bool {
-    let is_player = |target: &str| target.contains("type=player") || target.contains("type=minecraft:player");
-    let is_named = ["@s", "@p", "@a"].iter().any(|selector| target.starts_with(selector)) || target == "builder";
-    is_named || ["@e[", "@n["].iter().any(|selector| target.starts_with(selector)) && is_player(target)
+    let begins = |selectors: &[&str]| selectors.iter().any(|selector| target.starts_with(selector));
+    let is_player = target.contains("type=player") || target.contains("type=minecraft:player");
+    target == "builder" || begins(&["@s", "@p", "@a"]) || begins(&["@e[", "@n["]) && is_player
 }
 
 /// `/execute` with the parts that keep the body and the world. Commands that it runs may be `/execute` again.

@@ -8,7 +8,7 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::hidden::instances::{instance, require_entrant_of};
+use crate::app::hidden::instances::{instance, instance_to_act_on};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::most_blocks;
 use crate::clock::now_ms;
@@ -132,6 +132,18 @@ impl Episode {
     /// # Errors
     /// Returns 404 if there is no such episode, and 403 if it belongs to another owner.
     pub async fn of_caller(app: &App, caller: &Caller, id: &str) -> AppResult<Self> {
+        Self::find(app, caller, id, Access::Look).await
+    }
+
+    /// Finds an episode that the caller may go on with: at a hidden instance only the entrant may.
+    ///
+    /// # Errors
+    /// Returns the errors of [`of_caller`](Self::of_caller), and 403 to an operator in an entrant's place.
+    pub async fn to_act_on(app: &App, caller: &Caller, id: &str) -> AppResult<Self> {
+        Self::find(app, caller, id, Access::Act).await
+    }
+
+    async fn find(app: &App, caller: &Caller, id: &str, access: Access) -> AppResult<Self> {
         caller.require(Scope::Submit)?;
         let row = app.store.episode(id).await?;
         let mut row = row.ok_or_else(|| AppError::not_found(format!("there is no episode {id:?}")))?;
@@ -140,20 +152,8 @@ impl Episode {
         let reading = tokio::task::spawn_blocking(move || Stored::unpacked(&state));
         let stored = reading.await.map_err(|error| AppError::internal(&error))??;
         let Attempted { task, prompts, preamble, most_blocks } =
-            attempted(app, caller, &row.attempt, stored.track).await?;
+            attempted(app, caller, &row.attempt, stored.track, access).await?;
         Ok(Self { row, stored, task, prompts, preamble, most_blocks })
-    }
-
-    /// Finds an episode that the caller may go on with: at a hidden instance only the entrant may.
-    ///
-    /// # Errors
-    /// Returns the errors of [`of_caller`](Self::of_caller), and 403 to an operator in an entrant's place.
-    pub async fn to_act_on(app: &App, caller: &Caller, id: &str) -> AppResult<Self> {
-        let episode = Self::of_caller(app, caller, id).await?;
-        if let Attempt::Instance(instance) = &episode.row.attempt {
-            require_entrant_of(app, caller, instance).await?;
-        }
-        Ok(episode)
     }
 
     /// Returns its state.
@@ -209,11 +209,29 @@ struct Attempted {
     most_blocks: usize,
 }
 
-async fn attempted(app: &App, caller: &Caller, attempt: &Attempt, track: Track) -> AppResult<Attempted> {
+/// What the caller wants with an episode.
+#[derive(Debug, Clone, Copy)]
+enum Access {
+    /// To see it.
+    Look,
+    /// To change it.
+    Act,
+}
+
+async fn attempted(
+    app: &App,
+    caller: &Caller,
+    attempt: &Attempt,
+    track: Track,
+    access: Access,
+) -> AppResult<Attempted> {
     match attempt {
         // The limit is the lower one for every instance, so that it tells nothing of the checks.
         Attempt::Instance(id) => {
-            let prompts = instance(app, caller, id).await?.prompts;
+            let prompts = match access {
+                Access::Look => instance(app, caller, id).await?.prompts,
+                Access::Act => instance_to_act_on(app, caller, id).await?.prompts,
+            };
             Ok(Attempted { task: None, prompts, preamble: None, most_blocks: LIMITS.blocks_with_stress })
         }
         Attempt::Task { suite_id, number, .. } => {

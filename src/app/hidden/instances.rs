@@ -100,18 +100,20 @@ pub async fn instance(app: &App, caller: &Caller, id: &str) -> AppResult<IssuedI
     with_prompts(app, row).await
 }
 
-/// Checks that the caller is the entrant of an instance, who alone may act on it.
+/// Returns an instance to its entrant, who alone may act on it.
 ///
 /// # Errors
 /// Returns 404 if there is no such instance, and 403 if it belongs to another owner.
-pub async fn require_entrant_of(app: &App, caller: &Caller, id: &str) -> AppResult<()> {
-    own_instance(app, caller, id, require_entrant).await.map(|_| ())
+pub async fn instance_to_act_on(app: &App, caller: &Caller, id: &str) -> AppResult<IssuedInstance> {
+    caller.require(Scope::Submit)?;
+    let row = own_instance(app, caller, id, require_entrant).await?;
+    with_prompts(app, row).await
 }
 
 /// Returns an instance to its entrant if it can still be answered.
 ///
 /// # Errors
-/// Returns the errors of [`require_entrant_of`], and 409 if the instance was answered or has expired, or if its entry or
+/// Returns the errors of [`instance_to_act_on`], and 409 if the instance was answered or has expired, or if its entry or
 /// epoch takes no more answers.
 pub async fn unanswered(app: &App, caller: &Caller, id: &str) -> AppResult<InstanceRow> {
     let row = own_instance(app, caller, id, require_entrant).await?;
