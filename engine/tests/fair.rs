@@ -2,31 +2,16 @@
 //! does the opposite now.
 
 use plumbline_engine::builders::build;
-use plumbline_engine::checks::Criterion;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::advisory::AdvisoryCode;
 use plumbline_engine::grading::grade_log;
-use plumbline_engine::tasks::{Task, embedded};
 use plumbline_engine::voxel::{BlockLog, Cell, Event, Profile, Turn};
 
-/// A task of a version without its simulations, which count for no verdict.
-fn task(version: u32, id: &str) -> Task {
-    let suite = embedded::suite(version).unwrap();
-    let mut task = suite.tasks.into_iter().find(|task| task.id == id).unwrap();
-    for turn in &mut task.turns {
-        turn.checks.retain(|check| check.criterion() != Criterion::StructuralStability);
-    }
-    task
-}
+use crate::verdicts::{Fill, built, task, verdict};
 
 /// Verdicts of versions 2 and 3, with the first check that each fails.
 fn verdicts(id: &str, log: &BlockLog) -> [Option<String>; 2] {
-    [2, 3].map(|version| {
-        let report = grade_log(&task(version, id), log, &Control::unhurried()).unwrap();
-        let failed = report.turns.iter().flat_map(|turn| &turn.checks).find(|check| !check.finding.holds());
-        let told = failed.map(|check| format!("{}: {}", check.name, check.finding.summary));
-        (!report.overall).then(|| told.unwrap_or_default())
-    })
+    [2, 3].map(|version| verdict(version, id, log))
 }
 
 /// An honest build, which only version 3 passes.
@@ -41,28 +26,6 @@ fn is_caught_now(id: &str, log: &BlockLog) {
     let [before, now] = verdicts(id, log);
     assert_eq!(before, None, "{id}: version 2 fails it as well");
     assert!(now.is_some(), "{id}: version 3 passes it");
-}
-
-type Fill<'a> = (&'a str, [i32; 3], [i32; 3]);
-
-/// A turn that fills boxes, each from one corner to the other.
-fn boxes(log: &mut BlockLog, fills: &[Fill<'_>]) {
-    log.turns.push(Turn::new());
-    for (material, a, b) in fills {
-        for (x, y, z) in
-            (a[0]..=b[0]).flat_map(|x| (a[1]..=b[1]).flat_map(move |y| (a[2]..=b[2]).map(move |z| (x, y, z))))
-        {
-            log.place(Cell::new(x, y, z), material);
-        }
-    }
-}
-
-fn built(turns: &[&[Fill<'_>]]) -> BlockLog {
-    let mut log = BlockLog::default();
-    for fills in turns {
-        boxes(&mut log, fills);
-    }
-    log
 }
 
 fn good(id: &str) -> BlockLog {

@@ -11,9 +11,11 @@ mod hidden_checks;
 mod panel;
 mod scale;
 mod search;
+mod standing;
 mod stress;
 mod stress_plainly;
 mod suite;
+mod verdicts;
 
 /// A file of the repository.
 fn repository(path: &str) -> std::path::PathBuf {

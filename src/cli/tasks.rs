@@ -123,8 +123,8 @@ fn print(text: &str) -> anyhow::Result<ExitCode> {
 /// Returns the tables of the latest public and hidden families, with headings.
 fn entailment() -> anyhow::Result<String> {
     let faulty = |faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}");
-    let [_, public] = embedded::sources().map_err(faulty)?;
-    let secret = hidden::source(GENERATOR_VERSION).map_err(faulty)?;
+    let [.., public] = embedded::sources().map_err(faulty)?;
+    let secret = hidden::source(hidden::LATEST).map_err(faulty)?;
     Ok(format!(
         "# What asks for each check\n\nWritten by `plumbline tasks entailment`. Phrases are templates, as in the family files.\n\n\
          ## Public families\n\n{}\n## Hidden families\n\n{}",

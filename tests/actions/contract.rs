@@ -65,9 +65,9 @@ fn the_command_ends_as_documented() {
 async fn code_for_the_newest_suite_counts_as_in_the_game() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
-    let new = json!({ "agent": "coder", "suite": "mineceraft-lite@3" });
+    let new = json!({ "agent": "coder", "suite": "mineceraft-lite@4" });
     let run = service.post_json("/v1/runs", &new).await.json()["id"].as_str().unwrap().to_owned();
-    let tasks = service.get("/v1/tasks?suite=mineceraft-lite@3&limit=1").await.json();
+    let tasks = service.get("/v1/tasks?suite=mineceraft-lite@4&limit=1").await.json();
     let task = tasks["tasks"][0]["number"].clone();
     let code = "So:\n```js\nbot.chat('/fill 0 0 0 1 0 0 stone');\n```";
     let turns = tasks["tasks"][0]["turns"].as_array().map_or(1, Vec::len);

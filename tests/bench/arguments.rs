@@ -37,6 +37,7 @@ pub fn arguments(name: &str) -> Value {
         "walks_out" => json!({ "from": "red_bed" }),
         "has_upper_floor" => json!({ "min_y": 3, "min_cells": 4 }),
         "level_has" => json!({ "y": 0, "of": "stone", "min_blocks": 5, "min_parts": 2, "min_size": [2, 2] }),
+        "has_columns" => json!({ "from_y": 0, "to_y": 3, "min_columns": 4, "carry": true, "alone": true }),
         "climbs_to" => json!({ "min_y": 50 }),
         "has_clear_span" => json!({ "height": 1, "min_free": 3 }),
         "is_vault" => json!({ "min_clear": 1 }),

@@ -272,7 +272,7 @@ async fn runs_are_listed_and_open_ones_deleted() {
     let only_other = vec![other.clone()];
     assert_eq!(listed("?mine=true").await, only_other);
     assert_eq!(listed("?state=open&agent=ALPHA").await, [own[0].clone()]);
-    assert_eq!(listed("?state=finished&suite=mineceraft-lite@3").await, only_other);
+    assert_eq!(listed("?state=finished&suite=mineceraft-lite@4").await, only_other);
     assert_eq!(listed("?limit=1").await, only_other);
     assert_eq!(listed(&format!("?after={other}&limit=1")).await, [own[1].clone()]);
     assert!(

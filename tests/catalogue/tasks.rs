@@ -22,7 +22,7 @@ async fn tasks_are_found_by_category_type_criterion_and_text() {
         ("suite=mineceraft-lite&category=structural-elements", 7),
     ] {
         let page = service.get(&format!("/v1/tasks?limit=1&{query}")).await.json();
-        assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@3")), (&json!(total), true), "{query}");
+        assert_eq!((&page["total"], page["suite"].as_str().unwrap().ends_with("@4")), (&json!(total), true), "{query}");
     }
     // The search on the page ignores case too.
     let page = service.get("/suites/mineceraft/tasks?text=SEA_Lantern").await.text;
@@ -146,7 +146,7 @@ async fn a_suite_has_two_tracks_of_prompts() {
     let folder = tempfile::tempdir().unwrap();
     let service = Service::start(&folder.path().join("p.db"), &[]);
     let suite = service.get("/v1/suites/mineceraft").await.json();
-    assert_eq!((&suite["id"], &suite["tracks"]), (&json!("mineceraft@3"), &json!(["specified", "brief"])));
+    assert_eq!((&suite["id"], &suite["tracks"]), (&json!("mineceraft@4"), &json!(["specified", "brief"])));
     assert!(suite["preamble"].as_str().unwrap().contains("A door is one object"), "{suite}");
     let before = service.get("/v1/suites/mineceraft@2").await.json();
     assert_eq!((&before["tracks"], before.get("preamble")), (&json!(["specified"]), None));

@@ -62,7 +62,7 @@ async fn raw_output_of_every_family_is_read() {
     ];
     for (opening, closing, end) in families {
         let script = format!("(async (bot) => {{\n{WALL}\n}})");
-        for (suite, code) in [("mineceraft@2", script.as_str()), ("mineceraft@3", WALL)] {
+        for (suite, code) in [("mineceraft@2", script.as_str()), ("mineceraft@4", WALL)] {
             for answer in [format!("```js\n{code}\n```"), wall_log(), format!("\n{code}")] {
                 let text = format!("{opening}{wrong}{closing}{answer}{end}");
                 let body = json!({ "task": "walls/5x1x5-raise", "suite": suite, "answer": text });

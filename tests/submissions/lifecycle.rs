@@ -176,9 +176,8 @@ async fn documents_of_the_service_are_there() {
     assert!(docs.text.contains("POST /v1/submissions"));
     let suites = service.get("/v1/suites").await.json();
     let ids: Vec<&Value> = suites["suites"].as_array().unwrap().iter().map(|suite| &suite["id"]).collect();
-    let known =
-        ["mineceraft@1", "mineceraft@2", "mineceraft@3", "mineceraft-lite@1", "mineceraft-lite@2", "mineceraft-lite@3"];
-    assert_eq!(ids, known);
+    let known = ["mineceraft", "mineceraft-lite"].map(|name| (1..=4).map(move |version| format!("{name}@{version}")));
+    assert_eq!(ids, known.into_iter().flatten().map(Value::from).collect::<Vec<_>>().iter().collect::<Vec<_>>());
     let walls = service.get("/v1/tasks?family=walls&limit=5").await.json();
     assert_eq!((&walls["total"], &walls["next_after"]), (&json!(48), &json!(117)));
     let task = service.get("/v1/tasks/walls/5x1x5-raise").await.json();

@@ -148,7 +148,7 @@ class Flaky:
 
 
 RUN = (
-    b'{"id":"0198c0de-0000-7000-8000-000000000000","agent":"a","suite":"mineceraft@3","state":"open","tasks":1,"pending":0,'
+    b'{"id":"0198c0de-0000-7000-8000-000000000000","agent":"a","suite":"mineceraft@4","state":"open","tasks":1,"pending":0,'
     b'"graded":0,"grader_errors":0,"skipped":0,"metadata":{},"created_at":"2026-01-01T00:00:00Z","provenance":"self-reported",'
     b'"track":"specified","new":"member of a newer service"}'
 )

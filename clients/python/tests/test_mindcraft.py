@@ -61,7 +61,7 @@ def command(service: Running, *arguments: str) -> subprocess.CompletedProcess[st
 
 def test_a_run_of_the_pipeline_becomes_a_run(service: Running, client: Client, tmp_path: Path) -> None:
     pipeline = Pipeline(tmp_path)
-    tasks = list(client.tasks.all("mineceraft-lite@3"))[:6]
+    tasks = list(client.tasks.all("mineceraft-lite@4"))[:6]
     for number, task in enumerate(tasks, start=1):
         turns = build(task.id)["turns"]
         for turn, (prompt, good) in enumerate(zip(task.prompts, turns, strict=True), start=1):
@@ -73,17 +73,17 @@ def test_a_run_of_the_pipeline_becomes_a_run(service: Running, client: Client, t
             pipeline.turn(number, turn, task.turns, f" {prompt}\n")
     pipeline.save()
     # In the small suite the pipeline counts from 1, so its numbers are those of other tasks.
-    refused = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@3")
+    refused = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@4")
     assert (refused.returncode, "19 are missing" in refused.stdout) == (1, True)
-    done = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@3", "--partial")
+    done = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@4", "--partial")
     assert done.returncode == 0, done.stderr
     run = client.runs.list(agent="piped").runs[0]
-    assert (run.graded, run.skipped, run.suite) == (len(tasks), 25 - len(tasks), "mineceraft-lite@3")
+    assert (run.graded, run.skipped, run.suite) == (len(tasks), 25 - len(tasks), "mineceraft-lite@4")
     found = client.runs.wait(run.id)
     assert found.summary is not None
     assert len(found.summary.passed_runs.overall) == len(tasks), done.stdout
     done = command(
-        service, str(tmp_path), "--agent", "last", "--suite", "mineceraft-lite@3", "--files", "last", "--partial"
+        service, str(tmp_path), "--agent", "last", "--suite", "mineceraft-lite@4", "--files", "last", "--partial"
     )
     assert "0 of 25 problems pass" in done.stdout
 

@@ -23,6 +23,7 @@ pub use evidence::{Finding, Witness};
 
 use crate::elasticity::{Control, Stopped};
 use crate::voxel::Structure;
+use crate::voxel::blocks::is_structural;
 use crate::voxel::inside::Surroundings;
 use accuracy::{blocks, material, shape, size};
 use planning::{dependency, efficiency, layers};
@@ -44,6 +45,8 @@ pub struct Subject<'a> {
     wants_evidence: bool,
     /// What walking rules look at, computed when the first of them asks.
     surroundings: OnceCell<Option<Surroundings>>,
+    /// The blocks that stop a walker, picked out when the first rule asks for them.
+    solid: OnceCell<Structure>,
 }
 
 impl<'a> Subject<'a> {
@@ -56,7 +59,7 @@ impl<'a> Subject<'a> {
     /// Returns a subject whose computations `control` can stop.
     #[must_use]
     pub const fn new(structure: &'a Structure, control: &'a Control<'a>) -> Self {
-        Self { structure, control, wants_evidence: true, surroundings: OnceCell::new() }
+        Self { structure, control, wants_evidence: true, surroundings: OnceCell::new(), solid: OnceCell::new() }
     }
 
     /// Returns the same subject, of which only the scores are asked for: findings need no evidence.
@@ -69,6 +72,19 @@ impl<'a> Subject<'a> {
     /// a branch.
     pub fn tell<T: Default>(&self, evidence: impl FnOnce() -> T) -> T {
         if self.wants_evidence { evidence() } else { T::default() }
+    }
+
+    /// Returns the blocks that something can be built of, in building order, which several checks of a turn share: none
+    /// that a walker passes through, walks over or climbs in, and no doors.
+    #[must_use]
+    pub fn solid(&self) -> &Structure {
+        self.solid.get_or_init(|| self.structure.only(is_structural))
+    }
+
+    /// Returns the blocks that a rule looks at: all, or those of [`solid`](Self::solid).
+    #[must_use]
+    pub fn standing(&self, only_solid: bool) -> &Structure {
+        if only_solid { self.solid() } else { self.structure }
     }
 
     /// Returns the terrain of the build and the air around and inside it, which several checks of a turn share. `None`
@@ -285,6 +301,8 @@ catalogue! {
             "From outside one can walk and climb to enough enclosed cells of floor at or above the given level (strict)",
         "shape.has_ceilings" => Ceilings(shape::ceilings::HasCeilings):
             "The ceilings of the rooms lie at enough different levels (strict)",
+        "shape.has_columns" => Columns(shape::columns::HasColumns):
+            "Enough columns fill the same cells on every level from their feet to what they carry (strict)",
         "shape.level_has" => LevelHas(shape::level::LevelHas):
             "The blocks of one level have the given number, number of parts and extent (strict)",
         "shape.is_vault" => Vault(shape::vaults::IsVault):

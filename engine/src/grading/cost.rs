@@ -108,6 +108,8 @@ enum PerBlock {
 
 const fn per_block_ns(check: &Check) -> PerBlock {
     PerBlock::Flat(match check {
+        Check::EnclosedRooms(rule) if rule.max_step.is_some() => return PerBlock::Space(WALK_NS),
+        Check::Ceilings(rule) if rule.max_step.is_some() => return PerBlock::Space(WALK_NS),
         Check::EnclosedRooms(_) | Check::DoorsLeadThrough(_) | Check::Ceilings(_) => return PerBlock::Space(LOOK_NS),
         Check::MadeOf(rule) if rule.is_of_rooms() => return PerBlock::Space(LOOK_NS),
         Check::WalksOut(_) | Check::ClimbsTo(_) | Check::UpperFloor(_) => return PerBlock::Space(WALK_NS),

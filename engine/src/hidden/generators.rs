@@ -3,8 +3,8 @@
 use std::sync::OnceLock;
 
 use super::GENERATOR_VERSION;
-use super::pool::{Generator, LATEST_SUITE, PoolError};
-use super::siblings::{FIRST_WITH_SIBLINGS, Siblings};
+use super::pool::{Generator, PoolError, suite_of};
+use super::siblings::{FIRST_WITH_SIBLINGS, Siblings, WITH_SIBLINGS};
 
 impl Generator {
     /// Returns the latest version of the generator.
@@ -21,18 +21,15 @@ impl Generator {
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static LATEST: OnceLock<Generator> = OnceLock::new();
-        if version < FIRST_WITH_SIBLINGS {
-            return Self::of_suite(version);
-        }
-        if version != GENERATOR_VERSION {
-            return Err(PoolError::Files(format!("there is no version {version} of the generator")));
-        }
-        if let Some(created) = LATEST.get() {
+        static CREATED: [OnceLock<Generator>; WITH_SIBLINGS] = [const { OnceLock::new() }; _];
+        let suite = suite_of(version)?;
+        let Some(place) = version.checked_sub(FIRST_WITH_SIBLINGS) else { return Self::of_suite(suite) };
+        let place = &CREATED[place as usize];
+        if let Some(created) = place.get() {
             return Ok(created);
         }
         // No sibling returns as a hidden instance. Both are then drawn alike, without replacement.
-        let created = Self::create(LATEST_SUITE, Siblings::of(version)?.specifications())?;
-        Ok(LATEST.get_or_init(|| created))
+        let created = Self::create(suite, Siblings::of(version)?.specifications())?;
+        Ok(place.get_or_init(|| created))
     }
 }

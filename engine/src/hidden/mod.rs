@@ -32,9 +32,10 @@ pub mod tlog;
 pub mod verify;
 
 /// Latest version of the generator: its families, ranges, strata and draw procedure. Version 3 has the families of
-/// version 2, and draws no build that is on the public list of siblings. Add a version with any change that makes the
+/// version 2, and draws no build that is on the public list of siblings. Version 4 does so with the families of version 3 of
+/// the hidden suite. Add a version with any change that makes the
 /// same key draw different specifications; earlier versions stay, because their epochs are verified with them.
-pub const GENERATOR_VERSION: u32 = 3;
+pub const GENERATOR_VERSION: u32 = 4;
 
 /// Latest version of the protocol of an epoch, which its rules name. Since version 2 a third of the instances of a dev
 /// entry is kept for the final board, and the public log grows by what is public anyway. Since version 3 the receipt of a

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
+use super::GENERATOR_VERSION;
 use super::canonical::{Hash, hash_of};
 use super::secret::{Choices, EpochKey, first_number};
 use crate::builders::{build, build_instance, equilibrium_stress_pa};
@@ -22,9 +23,6 @@ use crate::voxel::{BlockLog, Cell, Event};
 
 /// Name of the hidden suites.
 pub const HIDDEN: &str = "hidden";
-/// Latest version of the hidden suite. Version 1 stands beside version 2 of the public suite, version 2 beside version
-/// 3.
-pub(super) const LATEST_SUITE: u32 = 2;
 /// Number of draws after which the generator gives up on a family; needing that many is a fault of the family's rules.
 const MAX_DRAWS: u64 = 2_000;
 
@@ -87,6 +85,16 @@ pub struct Generator {
     known_marks: BTreeMap<String, Vec<Hash>>,
 }
 
+/// Returns the version of the hidden suite from which a version of the generator draws.
+pub(super) fn suite_of(version: u32) -> Result<u32, PoolError> {
+    match version {
+        1 => Ok(1),
+        2 | 3 => Ok(2),
+        GENERATOR_VERSION => Ok(hidden::LATEST),
+        _ => Err(PoolError::Files(format!("there is no version {version} of the generator"))),
+    }
+}
+
 /// Returns the size of a build: the number of events in its log.
 #[must_use]
 pub fn volume(log: &BlockLog) -> usize {
@@ -121,7 +129,7 @@ impl Generator {
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.
     pub(super) fn of_suite(suite: u32) -> Result<&'static Self, PoolError> {
-        static CREATED: [OnceLock<Generator>; LATEST_SUITE as usize] = [const { OnceLock::new() }; _];
+        static CREATED: [OnceLock<Generator>; hidden::LATEST as usize] = [const { OnceLock::new() }; _];
         let place = suite.checked_sub(1).and_then(|place| CREATED.get(place as usize));
         let place =
             place.ok_or_else(|| PoolError::Files(format!("there is no version {suite} of the hidden suite")))?;

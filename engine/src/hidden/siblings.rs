@@ -13,17 +13,19 @@ use super::GENERATOR_VERSION;
 use super::canonical::{Hash, canonical_json};
 use super::commitment::{Commitment, SiblingList};
 use super::merkle;
-use super::pool::{Generator, LATEST_SUITE, PoolError, Specification, Stratum, strata_of};
+use super::pool::{Generator, PoolError, Specification, Stratum, strata_of, suite_of};
 use super::secret::EpochKey;
 use super::tlog::tree::leaf;
 use crate::tasks::hex;
 
 /// First version of the generator whose epochs draw siblings. It draws no hidden instance that is on their list.
 pub const FIRST_WITH_SIBLINGS: u32 = 3;
+/// Number of versions of the generator that draw siblings.
+pub(super) const WITH_SIBLINGS: usize = (GENERATOR_VERSION - FIRST_WITH_SIBLINGS + 1) as usize;
 /// Number of specifications in the list of siblings for each instance of a family in a draw.
 const PER_INSTANCE: u32 = 64;
 
-/// The list of siblings, which all versions of the generator that draw siblings share.
+/// The list of siblings of a version of the generator.
 #[derive(Debug)]
 pub struct Siblings {
     specifications: Vec<Specification>,
@@ -32,33 +34,34 @@ pub struct Siblings {
 }
 
 impl Siblings {
-    /// Returns the list of a version of the generator. A program makes it once, which takes seconds.
+    /// Returns the list of a version of the generator. A program makes each once, which takes seconds.
     ///
     /// # Errors
     /// Returns an error if the version draws no siblings, or the embedded files are faulty; a test shows that they are
     /// not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static MADE: OnceLock<Siblings> = OnceLock::new();
+        static MADE: [OnceLock<Siblings>; WITH_SIBLINGS] = [const { OnceLock::new() }; _];
         static MAKING: Mutex<()> = Mutex::new(());
         if !(FIRST_WITH_SIBLINGS..=GENERATOR_VERSION).contains(&version) {
             return Err(PoolError::Files(format!("version {version} of the generator draws no siblings")));
         }
-        if let Some(made) = MADE.get() {
+        let place = &MADE[(version - FIRST_WITH_SIBLINGS) as usize];
+        if let Some(made) = place.get() {
             return Ok(made);
         }
         // The first caller makes the list; callers that come meanwhile wait for it.
         let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(made) = MADE.get() {
+        if let Some(made) = place.get() {
             return Ok(made);
         }
-        let made = Self::make()?;
-        Ok(MADE.get_or_init(|| made))
+        let made = Self::make(suite_of(version)?)?;
+        Ok(place.get_or_init(|| made))
     }
 
-    fn make() -> Result<Self, PoolError> {
+    fn make(suite: u32) -> Result<Self, PoolError> {
         // The key is no secret: anybody can make the list.
         let key = EpochKey::new(Sha256::digest(b"plumbline public siblings").into());
-        let generator = Generator::of_suite(LATEST_SUITE)?;
+        let generator = Generator::of_suite(suite)?;
         let strata = strata_of(generator.families().iter(), PER_INSTANCE);
         let mut specifications = Vec::new();
         for stratum in &strata {

@@ -1,4 +1,5 @@
-//! The public suites, embedded in the binary from `tasks/mineceraft/` and `tasks/mineceraft-3/` at build time.
+//! The public suites, embedded in the binary from `tasks/mineceraft/`, `tasks/mineceraft-3/` and
+//! `tasks/mineceraft-4/` at build time.
 
 use std::borrow::Cow;
 
@@ -23,17 +24,22 @@ pub const PUBLISHED_VERSION: u32 = 1;
 #[folder = "../tasks/mineceraft/"]
 struct FirstFiles;
 
-/// Version 3 and later ones.
+/// Version 3.
 #[derive(RustEmbed)]
 #[folder = "../tasks/mineceraft-3/"]
+struct ThirdFiles;
+
+/// Version 4 and later ones.
+#[derive(RustEmbed)]
+#[folder = "../tasks/mineceraft-4/"]
 struct LaterFiles;
 
 /// Reads the embedded files of all versions of the full suite, the oldest first.
 ///
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
-pub fn sources() -> Result<[SuiteSource; 2], Vec<TaskFileFault>> {
-    Ok([read_source::<FirstFiles>()?, read_source::<LaterFiles>()?])
+pub fn sources() -> Result<[SuiteSource; 3], Vec<TaskFileFault>> {
+    Ok([read_source::<FirstFiles>()?, read_source::<ThirdFiles>()?, read_source::<LaterFiles>()?])
 }
 
 /// Reads the embedded files that have this version of the full suite.
@@ -41,9 +47,15 @@ pub fn sources() -> Result<[SuiteSource; 2], Vec<TaskFileFault>> {
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn source_of(version: u32) -> Result<SuiteSource, Vec<TaskFileFault>> {
-    let [first, later] = sources()?;
-    let is_first = first.versions.iter().any(|known| known.number == version);
-    Ok(if is_first { first } else { later })
+    let [first, third, later] = sources()?;
+    let has = |source: &SuiteSource| source.versions.iter().any(|known| known.number == version);
+    Ok(if has(&first) {
+        first
+    } else if has(&third) {
+        third
+    } else {
+        later
+    })
 }
 
 /// Reads the embedded TOML files of a folder of families.
@@ -88,7 +100,7 @@ pub fn suites() -> Result<Vec<Suite>, Vec<TaskFileFault>> {
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn latest() -> Result<Suite, Vec<TaskFileFault>> {
-    let [_, later] = sources()?;
+    let [.., later] = sources()?;
     later.suite(later.versions.iter().map(|version| version.number).max().unwrap_or(PUBLISHED_VERSION))
 }
 
@@ -153,19 +165,34 @@ mod tests {
 
     const THIRD_CHECKS: usize = 6_412;
 
-    /// Stored suites never change: these are the hashes of all tasks of the first two versions.
+    /// Version 4 has the tasks of version 3 with other checks, and words that ask for them.
     #[test]
-    fn the_first_two_versions_are_as_they_were() {
+    fn the_fourth_version_has_the_tasks_of_the_third() {
+        let (third, fourth) = (suite(3).unwrap(), suite(4).unwrap());
+        assert_eq!((fourth.tasks.len(), fourth.instruction_count(), fourth.check_count()), (723, 747, FOURTH_CHECKS));
+        for (a, b) in third.tasks.iter().zip(&fourth.tasks) {
+            assert_eq!((&a.id, a.number, &a.parameters), (&b.id, b.number, &b.parameters));
+        }
+        let same = third.tasks.iter().zip(&fourth.tasks).filter(|(a, b)| a.turns == b.turns).count();
+        assert_eq!(same, 112, "walls and foundations");
+    }
+
+    const FOURTH_CHECKS: usize = 5_843;
+
+    /// Stored suites never change: these are the hashes of all tasks of the earlier versions.
+    #[test]
+    fn the_first_three_versions_are_as_they_were() {
         let hash = |version| {
             let hashes: Vec<String> = suite(version).unwrap().tasks.iter().map(Task::content_hash).collect();
             hex(&Sha256::digest(hashes.concat()))
         };
-        assert_eq!([hash(1), hash(2)], FIRST_HASHES);
+        assert_eq!([hash(1), hash(2), hash(3)], FIRST_HASHES);
     }
 
-    const FIRST_HASHES: [&str; 2] = [
+    const FIRST_HASHES: [&str; 3] = [
         "0dc81177a2b3abfffd5eb47bc0bf6c006d85b46c0ae6fac7269bc758ba3c0bec",
         "873fbb8077100ae321692062167893ab3dd386c23322a65e2d05b1a10ff34019",
+        "0971bc4c571ef417ba69a089f66ed6c8095d8be2a5d401693818c5e7fb34dbee",
     ];
 
     /// 64 foundations, 48 walls, 9 theatres, 6 creative buildings and 48 plans have one more check each. For 45
@@ -206,8 +233,8 @@ mod tests {
 
     #[test]
     fn the_lite_draw_is_the_published_one_and_the_one_that_is_kept() {
-        let [source, later] = sources().unwrap();
-        assert_eq!(source.lite.tasks, later.lite.tasks);
+        let [source, others @ ..] = sources().unwrap();
+        assert!(others.iter().all(|other| other.lite.tasks == source.lite.tasks));
         let lite = lite(&suite(1).unwrap(), LITE_SEED);
         let numbers: Vec<u32> = lite.tasks.iter().map(|task| task.number).collect();
         let published = [

@@ -1,4 +1,5 @@
-//! The families of the hidden suite, embedded in the binary from `tasks/hidden/` and `tasks/hidden-2/` at build time.
+//! The families of the hidden suite, embedded in the binary from `tasks/hidden/`, `tasks/hidden-2/` and
+//! `tasks/hidden-3/` at build time.
 
 use rust_embed::RustEmbed;
 
@@ -16,10 +17,23 @@ struct FirstFiles;
 #[folder = "../tasks/hidden-2/"]
 struct SecondFiles;
 
-/// Reads the embedded files of a version of the hidden suite: version 1, or the latest for any other number.
+/// Families of version 3.
+#[derive(RustEmbed)]
+#[folder = "../tasks/hidden-3/"]
+struct ThirdFiles;
+
+/// Latest version of the hidden suite. Version 1 stands beside version 2 of the public suite, version 2 beside version 3,
+/// and version 3 beside version 4.
+pub const LATEST: u32 = 3;
+
+/// Reads the embedded files of a version of the hidden suite: version 1, 2, or the latest for any other number.
 ///
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn source(version: u32) -> Result<SuiteSource, Vec<TaskFileFault>> {
-    if version == 1 { read_source::<FirstFiles>() } else { read_source::<SecondFiles>() }
+    match version {
+        1 => read_source::<FirstFiles>(),
+        2 => read_source::<SecondFiles>(),
+        _ => read_source::<ThirdFiles>(),
+    }
 }

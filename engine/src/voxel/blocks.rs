@@ -83,6 +83,13 @@ pub fn is_climbable(name: &str) -> bool {
     climbable.contains(&name.strip_suffix("_plant").unwrap_or(name))
 }
 
+/// Returns whether something can be built of the block: none that a player passes through, such as water and torches,
+/// walks over, such as a carpet, or climbs in, and no door.
+#[must_use]
+pub fn is_structural(name: &str) -> bool {
+    !is_passable(name) && !is_thin(name) && !is_climbable(name) && !is_door(name)
+}
+
 /// The naming rule that defines the members of a block family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Spelling {
@@ -92,9 +99,11 @@ enum Spelling {
     Wood(&'static str),
     /// The block is dyed in this colour.
     Dyed(&'static str),
+    /// A player can walk through the block.
+    Passable,
 }
 
-/// The block families, spelled like the game's own tags.
+/// The block families, spelled like the game's own tags where it has them.
 const FAMILIES: &[(&str, Spelling)] = &[
     ("#beds", Spelling::Ends("_bed")),
     ("#doors", Spelling::Ends("_door")),
@@ -118,6 +127,7 @@ const FAMILIES: &[(&str, Spelling)] = &[
     ("#brown", Spelling::Dyed("brown")),
     ("#cyan", Spelling::Dyed("cyan")),
     ("#gray", Spelling::Dyed("gray")),
+    ("#passable", Spelling::Passable),
 ];
 /// Name suffixes of the blocks for walls and roofs that come in all sixteen dye colours.
 const DYED: [&str; 6] =
@@ -131,6 +141,7 @@ impl Spelling {
                 let bare = name.strip_prefix("stripped_").unwrap_or(name);
                 bare.strip_prefix(wood).is_some_and(|rest| rest.starts_with('_'))
             }
+            Self::Passable => is_passable(name),
             Self::Dyed(colour) => name.strip_prefix(colour).is_some_and(|rest| DYED.contains(&rest)),
         }
     }
@@ -229,6 +240,7 @@ mod tests {
             ),
             ("#red", &["red_wool", "red_concrete"], &["redstone_block", "red_sandstone", "red_mushroom"]),
             ("#concrete", &["gray_concrete"], &["gray_concrete_powder"]),
+            ("#passable", &["water", "torch", "light", "minecraft:fire"], &["stone", "oak_door", "lantern"]),
             ("stone", &["stone", "minecraft:stone"], &["cobblestone", "stone_bricks", "Stone"]),
         ] {
             assert!(members.iter().all(|name| set(family).has(name)), "{family}");

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::cell::Cell;
+use super::cell::{Cell, CellSet};
 use super::structure::Structure;
 use super::terrain::{Spaces, Terrain};
 
@@ -17,13 +17,17 @@ pub struct Surroundings {
     spaces: OnceCell<Spaces>,
     /// For each region of the air, whether one can enter it through doors.
     entered: OnceCell<Vec<bool>>,
+    /// For each region of the air, whether one can walk to a floor in it from the ground around the build, by steps of at
+    /// most 0 and of at most 1 block.
+    walked_to: [OnceCell<Vec<bool>>; 2],
 }
 
 impl Surroundings {
     /// Creates the surroundings of a build. Returns `None` if it is empty or too large for a terrain.
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
-        Some(Self { terrain: Terrain::of(structure)?, spaces: OnceCell::new(), entered: OnceCell::new() })
+        let (terrain, walked_to) = (Terrain::of(structure)?, [const { OnceCell::new() }; 2]);
+        Some(Self { terrain, spaces: OnceCell::new(), entered: OnceCell::new(), walked_to })
     }
 
     /// Returns the air, divided into regions; computed when it is first asked for.
@@ -39,6 +43,41 @@ impl Surroundings {
         let entered = self.entered.get_or_init(|| self.terrain.entered(self.spaces()));
         let is_room = |piece: &usize| entered[*piece] && pieces[*piece].floor_cells >= min_floor_cells;
         (1..pieces.len()).filter(is_room).collect()
+    }
+
+    /// Returns those of the [`rooms`](Self::rooms) to a floor of which one can walk from the ground around the build by
+    /// steps of at most `max_step`, or all for `None`. Steps above 1 count as 1.
+    #[must_use]
+    pub fn rooms_within(&self, min_floor_cells: u32, max_step: Option<u32>) -> Vec<usize> {
+        let mut rooms = self.rooms(min_floor_cells);
+        if let Some(step) = max_step {
+            let step = step.min(1);
+            let walked_to = self.walked_to[step as usize].get_or_init(|| self.walked_to(step as i32));
+            rooms.retain(|room| walked_to[*room]);
+        }
+        rooms
+    }
+
+    /// Returns the share of doors in what stands beside the air of a region, over all its levels.
+    #[must_use]
+    pub fn door_share(&self, piece: usize) -> f64 {
+        let beside = self.terrain.cells_of(self.spaces(), &[piece]).flat_map(Cell::side_neighbours);
+        let sides: CellSet =
+            beside.filter(|side| self.terrain.is_solid(*side) || self.terrain.is_doorway(*side)).collect();
+        let doors = sides.iter().filter(|side| self.terrain.is_doorway(**side)).count();
+        if sides.is_empty() { 0.0 } else { doors as f64 / sides.len() as f64 }
+    }
+
+    /// Returns for each region of the air whether one can walk to a floor in it, from the ground around the build.
+    fn walked_to(&self, step: i32) -> Vec<bool> {
+        let spaces = self.spaces();
+        let mut walked_to = vec![false; spaces.pieces.len()];
+        for feet in self.terrain.reached(self.terrain.around(1), step, 1) {
+            if let Some(piece) = self.terrain.piece_of(feet, spaces).filter(|_| self.terrain.is_floor(feet)) {
+                walked_to[piece] = true;
+            }
+        }
+        walked_to
     }
 }
 

@@ -86,6 +86,24 @@ impl Clusters {
     }
 }
 
+/// Returns the extents along x and z of each cluster of `cells`.
+#[must_use]
+pub fn extents(cells: &[PlaneCell], clusters: &Clusters) -> Vec<[u32; 2]> {
+    let sides = |[x0, x1, z0, z1]: [i32; 4]| [x0.abs_diff(x1) + 1, z0.abs_diff(z1) + 1];
+    rectangles(cells, clusters).into_iter().map(sides).collect()
+}
+
+/// Returns the least and greatest x, and the least and greatest z, of each cluster of `cells`.
+#[must_use]
+pub fn rectangles(cells: &[PlaneCell], clusters: &Clusters) -> Vec<[i32; 4]> {
+    let mut bounds: Vec<Option<[i32; 4]>> = vec![None; clusters.count];
+    for (&(x, z), label) in cells.iter().zip(&clusters.label) {
+        let [x0, x1, z0, z1] = bounds[*label as usize].unwrap_or([x, x, z, z]);
+        bounds[*label as usize] = Some([x0.min(x), x1.max(x), z0.min(z), z1.max(z)]);
+    }
+    bounds.into_iter().flatten().collect()
+}
+
 /// A disjoint-set forest with path halving. The least element is the root, so the order of joins does not affect roots.
 #[derive(Debug)]
 pub struct DisjointSets {

@@ -125,6 +125,15 @@ impl Structure {
         self.entries().filter(|(_, id)| mask[*id as usize]).map(|(cell, _)| cell).collect()
     }
 
+    /// Returns the entries whose material satisfies `wanted`, in building order, read as this structure was.
+    #[must_use]
+    pub fn only(&self, wanted: impl Fn(&str) -> bool) -> Self {
+        let mask = self.palette.mask(wanted);
+        let entries = self.entries().filter(|(_, id)| mask[*id as usize]);
+        let only = Self::new(Arc::clone(&self.palette), entries);
+        Self { is_distinct: self.is_distinct, first_halves: self.first_halves.clone(), ..only }
+    }
+
     /// Computes the bounds of all entries. Returns `None` if the structure is empty.
     #[must_use]
     pub fn bounds(&self) -> Option<Bounds> {

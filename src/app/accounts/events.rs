@@ -41,7 +41,7 @@ pub struct EventBody {
     #[schema(format = Uuid)]
     pub submission: Option<String>,
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: Option<String>,
     /// Identifier of the submission's task; null for the end of a run.
     #[schema(example = "walls/5x1x5-raise")]

@@ -121,7 +121,7 @@ impl From<Withdrawn> for WithdrawnRow {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct BoardBody {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: String,
     /// Number of problems in the suite.
     #[schema(example = 723)]

@@ -73,7 +73,7 @@ impl From<breakdown::Breakdown> for Breakdown {
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BreakdownQuery),
     responses(
         (status = 200, description = "The rates", body = Breakdown,
-         example = json!({ "suite": "mineceraft@3", "groups": ["walls"], "rows": [] })),
+         example = json!({ "suite": "mineceraft@4", "groups": ["walls"], "rows": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
     )
 )]

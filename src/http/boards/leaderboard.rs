@@ -75,7 +75,7 @@ impl From<BoardQuery> for Selection {
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), BoardQuery),
     responses(
         (status = 200, description = "A page of the board, in the requested format", content((BoardBody = "application/json",
-         example = json!({ "suite": "mineceraft@3", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
+         example = json!({ "suite": "mineceraft@4", "tasks": 723, "total": 0, "minimum_coverage": 1.0, "incomplete": 0, "rows": [], "next_after": null, "reported": [] })),
          (String = "text/csv", example = "rank,first_place,last_place,run,agent\n"), (String = "application/x-ndjson", example = "{\"rank\":1}\n"), (String = "text/markdown", example = "| Rank | Agent |\n")),
          headers(("ETag" = String, description = "Strong entity tag"))),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),

@@ -17,7 +17,7 @@ use plumbline_engine::tasks::Track;
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RepeatsBody {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: String,
     /// Groups of two runs or more, best first.
     pub groups: Vec<RepeatGroup>,
@@ -112,7 +112,7 @@ impl From<Group> for RepeatGroup {
     summary = "Get repeats of configurations",
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft")),
     responses(
-        (status = 200, description = "The groups", body = RepeatsBody, example = json!({ "suite": "mineceraft@3", "groups": [] })),
+        (status = 200, description = "The groups", body = RepeatsBody, example = json!({ "suite": "mineceraft@4", "groups": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
     )
 )]

@@ -15,7 +15,7 @@ use plumbline_engine::tasks::{Suite, Track};
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct SuiteBody {
     /// Identifier of the suite: `name@version`.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub id: String,
     /// Name of the suite. A name without a version stands for the latest version.
     #[schema(example = "mineceraft")]
@@ -30,7 +30,7 @@ pub struct SuiteBody {
     #[schema(example = 747)]
     pub instructions: usize,
     /// Number of checks in all turns.
-    #[schema(example = 6412)]
+    #[schema(example = 5843)]
     pub checks: usize,
     /// Families, in order, each with its number of tasks.
     pub families: Vec<FamilyBody>,
@@ -132,7 +132,7 @@ impl SuiteBody {
     get, path = "/v1/suites", operation_id = "list_suites", tag = "tasks", summary = "List suites",
     responses(
         (status = 200, description = "The suites", body = SuiteList,
-         example = json!({ "suites": [{ "id": "mineceraft@3", "name": "mineceraft", "version": 3, "tasks": 723 }] })),
+         example = json!({ "suites": [{ "id": "mineceraft@4", "name": "mineceraft", "version": 4, "tasks": 723 }] })),
     )
 )]
 pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteList>> {
@@ -148,7 +148,7 @@ pub async fn list_suites(State(state): State<AppState>) -> AppResult<Json<SuiteL
     params(("suite" = String, Path, description = "Name, or name@version", example = "mineceraft"), DrawQuery),
     responses(
         (status = 200, description = "The suite", body = SuiteBody,
-         example = json!({ "id": "mineceraft@3", "name": "mineceraft", "version": 3, "tasks": 723 })),
+         example = json!({ "id": "mineceraft@4", "name": "mineceraft", "version": 4, "tasks": 723 })),
     )
 )]
 pub async fn get_suite(

@@ -53,7 +53,7 @@ pub struct TaskSummary {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct TaskPage {
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: String,
     /// Number of tasks that match the filters, on all pages.
     pub total: usize,
@@ -128,7 +128,7 @@ pub struct TaskBody {
     #[schema(value_type = Option<Object>, example = json!({ "w": 5, "t": 1, "h": 5 }))]
     pub parameters: Option<Value>,
     /// `name@version` of the suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: String,
     /// SHA-256 of the task's content, in hex.
     #[schema(pattern = "^[0-9a-f]{64}$")]
@@ -227,7 +227,7 @@ impl From<TaskListQuery> for TaskFilter {
     responses(
         (status = 200, description = "A page of tasks, or a row for each task of one turn",
          headers(("ETag" = String, description = "Strong entity tag")), content(
-            (TaskPage = "application/json", example = json!({ "suite": "mineceraft@3", "total": 723, "tasks": [], "next_after": 100 })),
+            (TaskPage = "application/json", example = json!({ "suite": "mineceraft@4", "total": 723, "tasks": [], "next_after": 100 })),
             (String = "application/x-ndjson", example = "{\"prompt\":[],\"task\":\"walls/5x1x5-raise\"}\n"),
          )),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
@@ -299,7 +299,7 @@ fn summary(task: &Task, track: Track) -> TaskSummary {
     ),
     responses(
         (status = 200, description = "The task", headers(("ETag" = String, description = "Strong entity tag")), body = TaskBody,
-         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@3", "turns": [] })),
+         example = json!({ "id": "walls/5x1x5-raise", "number": 113, "suite": "mineceraft@4", "turns": [] })),
         (status = 304, description = "Not modified: If-None-Match names the current entity tag"),
     )
 )]

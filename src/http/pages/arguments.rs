@@ -42,6 +42,9 @@ impl<'a> Args<'a> {
             None => ("block".to_owned(), "blocks".to_owned()),
             Some("#beds") => ("bed".to_owned(), "beds".to_owned()),
             Some("#doors") => ("door".to_owned(), "doors".to_owned()),
+            Some("#passable") => {
+                ("block that one walks through".to_owned(), "blocks that one walks through".to_owned())
+            }
             Some(name) => (format!("block of {}", material(name)), format!("blocks of {}", material(name))),
         };
         format!("{count} {}", if is_one(count) { one } else { many })

@@ -64,6 +64,7 @@ fn of_materials(name: &str, args: Args<'_>) -> Option<String> {
                 "room_corners" => format!("corners of the rooms {at}"),
                 "room_walls" => format!("blocks of the rooms' walls {at}"),
                 "room_roof" => "blocks of the rooms' roof".to_owned(),
+                "under_rooms" => format!("cells {at} below the rooms"),
                 other => format!("blocks of the {} {at}", other.replace('_', " ")),
             };
             let except = args.text("except").map(|tag| format!(", apart from {}", material(tag))).unwrap_or_default();
@@ -116,9 +117,15 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
         "shape.are_adjacent" => format!("{} touch each other", sentence(&args.list("materials", " and "))),
         "shape.are_doors_passable" => "Nothing blocks a door".to_owned(),
         "shape.doors_lead_through" => {
-            format!("At least {}, each free on both sides", counted(args.count("min_doors"), "door"))
+            let parting = args.number("min_parting").filter(|doors| *doors > 0.0);
+            let parting = parting.map(|doors| format!(", {} of which part a room from elsewhere", plain(doors)));
+            let doors = counted(args.count("min_doors"), "door");
+            format!("At least {doors}, each free on both sides{}", parting.unwrap_or_default())
         }
-        "shape.climbs_to" => format!("One can climb to y = {} or higher", args.told("min_y")),
+        "shape.climbs_to" => {
+            let over = if args.is("onto_floor") { ", over the floor there" } else { "" };
+            format!("One can climb to y = {} or higher{over}", args.told("min_y"))
+        }
         "shape.is_reachable_by_stairs" => format!("Stairs lead up to y = {} or higher", args.told("min_floor_y")),
         "shape.has_ceilings" => {
             let levels = counted(args.count("min_levels"), "level");
@@ -127,28 +134,37 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
             format!("Ceilings over at least {cells} of floor lie at {levels} or more{}", top.unwrap_or_default())
         }
         "shape.has_clear_span" => format!(
-            "A deck at least {} wide at y = {} or higher spans at least {} between its supports",
+            "A deck at least {} wide at y = {} or higher spans at least {} between its supports{}",
             // The argument is left out where it is 1.
             counted(args.0.get("min_width").and_then(Value::as_i64).unwrap_or(1), "block"),
             args.told("height"),
-            blocks(args, "min_free")
+            blocks(args, "min_free"),
+            if args.is("one_piece") { ", all one piece" } else { "" }
         ),
         "shape.has_enclosed_rooms" => {
             let count = range(args.number("min_rooms").filter(|min| *min > 0.0), args.number("max_rooms"))
                 .unwrap_or_else(|| "any number of".to_owned());
             let rooms = if is_one(&count) { "room" } else { "rooms" };
             format!(
-                "{} {rooms} with walls, a roof, a door and at least {} of floor",
+                "{} {rooms} with walls, a roof, a door and at least {} of floor{}",
                 sentence(&count),
-                counted(args.count("min_floor_cells"), "cell")
+                counted(args.count("min_floor_cells"), "cell"),
+                match args.number("max_step") {
+                    None => "",
+                    Some(0.0) => ", reached without a step",
+                    Some(_) => ", reached from the ground",
+                }
             )
         }
         "shape.has_rooms" => format!("At least {} at y = {}", counted(args.count("room_cnt"), "room"), args.told("y")),
         "shape.has_upper_floor" => {
+            let ground = args.number("ground_cells").filter(|cells| *cells > 0.0);
+            let ground = ground.map(|cells| format!(", and {} on the ground floor", plain(cells)));
             format!(
-                "An upper floor of at least {} at y = {} or higher can be reached",
+                "An upper floor of at least {} at y = {} or higher can be reached{}",
                 counted(args.count("min_cells"), "cell"),
-                args.told("min_y")
+                args.told("min_y"),
+                ground.unwrap_or_default()
             )
         }
         "shape.has_exit" => format!("An exit {} wide and {} high", blocks(args, "width"), blocks(args, "height")),
@@ -162,7 +178,15 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
         "shape.has_no_axis_symmetry" => "The build is not symmetric along an axis".to_owned(),
         "shape.is_bottom_surface_concave" => "The underside is concave".to_owned(),
         "shape.is_top_surface_concave" => "The upper surface is concave".to_owned(),
-        "shape.is_true_arch" => format!("An arch rises between two supports at y = {}", args.told("support_y")),
+        "shape.is_true_arch" => {
+            let rise = args.number("min_rise").filter(|rise| *rise > 0.0);
+            let rise = rise.map(|rise| format!(" by at least {}", counted(rise as i64, "block")));
+            let rise = rise.unwrap_or_default();
+            format!("An arch rises{rise} between two supports at y = {}", args.told("support_y"))
+        }
+        "shape.is_vault" if args.number("min_footing").is_some() => {
+            "A hollow vault falls to all sides from its middle, and its edge stands on the ground".to_owned()
+        }
         "shape.is_vault" => "A vault falls to all sides from its middle".to_owned(),
         _ => return None,
     })
@@ -181,11 +205,29 @@ fn of_levels(name: &str, args: Args<'_>) -> Option<String> {
                 let sides: Vec<String> = size.iter().filter_map(Value::as_f64).map(plain).collect();
                 format!("one part of at least {}", sides.join(" × "))
             });
-            let all: Vec<String> = blocks.into_iter().chain(parts).chain(size).collect();
+            let full = args.0.get("full_size").and_then(Value::as_array).map(|size| {
+                let sides: Vec<String> = size.iter().filter_map(Value::as_f64).map(plain).collect();
+                args.blocks(&format!("a full rectangle of {}", sides.join(" × ")), "of")
+            });
+            let all: Vec<String> = blocks.into_iter().chain(parts).chain(size).chain(full).collect();
             if all.is_empty() {
                 return Some(format!("Anything {}", at()));
             }
             format!("{} {}", sentence(&all.join(", ")), at())
+        }
+        "shape.has_columns" => {
+            let count = range(args.number("min_columns").filter(|min| *min > 0.0), args.number("max_columns"));
+            let count = count.unwrap_or_else(|| "any number of".to_owned());
+            let columns = if is_one(&count) { "column" } else { "columns" };
+            let of = args.text("of").map(|of| format!(" of {}", material(of))).unwrap_or_default();
+            let carry = if args.is("carry") { ", each under a block" } else { "" };
+            let alone = if args.is("alone") { ", and nothing else" } else { "" };
+            format!(
+                "{} {columns}{of} from y = {} to y = {}{carry}{alone}",
+                sentence(&count),
+                args.told("from_y"),
+                args.told("to_y")
+            )
         }
         "shape.cluster_count_at_y_is" => {
             format!("{} {}", counted(args.count("expected_count"), "separate part"), at())

@@ -70,7 +70,7 @@ fn accepted_answer(accepted: Vec<AcceptedBody>, format: Format) -> Response {
     request_body(content((NewSubmissionBody = "application/json"), (String = "application/x-ndjson"))),
     responses(
         (status = 200, description = "All submissions would be accepted", body = ValidatedList,
-         example = json!({ "submissions": [{ "suite": "mineceraft@3", "number": 113, "turns": 1, "events": 25,
+         example = json!({ "submissions": [{ "suite": "mineceraft@4", "number": 113, "turns": 1, "events": 25,
                                             "log_hash": "9f86d081884c7d65…", "repeated": false }] })),
         (status = 409, description = "The task was answered otherwise, or the run takes no more"),
     )

@@ -139,7 +139,7 @@ pub enum AcceptedAnswer {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Validated {
     /// `name@version` of the task's suite.
-    #[schema(example = "mineceraft@3")]
+    #[schema(example = "mineceraft@4")]
     pub suite: String,
     /// Number of the task in the suite.
     #[schema(example = 113)]

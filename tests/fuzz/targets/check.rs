@@ -39,7 +39,7 @@ const BLOCKS: [&str; 16] = [
 type Optional = (&'static str, &'static [&'static str]);
 
 /// Arguments that some checks have and that may be left out, each with values in JSON.
-const OPTIONAL: [Optional; 24] = [
+const OPTIONAL: [Optional; 41] = [
     ("use_8_neighbors", &["true"]),
     ("use_substring_match", &["true", "false"]),
     ("substring_match", &["false"]),
@@ -56,7 +56,18 @@ const OPTIONAL: [Optional; 24] = [
     ("min_floor_cells", &["0", "1", "9"]),
     ("max_step", &["0", "2"]),
     ("width", &["1", "2", "3"]),
-    ("part", &["\"corners\"", "\"sides\"", "\"roof\"", "\"room_walls\"", "\"room_corners\"", "\"room_roof\""]),
+    (
+        "part",
+        &[
+            "\"corners\"",
+            "\"sides\"",
+            "\"roof\"",
+            "\"room_walls\"",
+            "\"room_corners\"",
+            "\"room_roof\"",
+            "\"under_rooms\"",
+        ],
+    ),
     ("except", &["\"glass\"", "\"#doors\""]),
     ("of", &["\"#doors\"", "\"#beds\"", "\"oak_planks\"", "\"#oak\"", "null"]),
     ("max_blocks", &["0", "9"]),
@@ -64,6 +75,23 @@ const OPTIONAL: [Optional; 24] = [
     ("min_size", &["[1, 3]", "null"]),
     ("min_top", &["2", "4"]),
     ("y", &["0", "1", "2", "null"]),
+    ("solid", &["true"]),
+    ("full_size", &["[1, 2]", "[3, 2]", "null"]),
+    ("min_rise", &["1", "2"]),
+    ("max_door_share", &["0", "0.2", "0.5", "null"]),
+    ("counted_from", &["0", "2", "null"]),
+    ("min_parting", &["1", "2"]),
+    ("indoors", &["true"]),
+    ("ground_cells", &["1", "4"]),
+    ("min_hollow", &["0.5", "1"]),
+    ("shell", &["true"]),
+    ("one_piece", &["true"]),
+    ("min_footing", &["0.5", "0.8", "1"]),
+    ("onto_floor", &["true"]),
+    ("max_columns", &["1", "4", "null"]),
+    ("size", &["[1, 1]", "[1, 2]", "null"]),
+    ("carry", &["true", "false"]),
+    ("alone", &["true", "false"]),
 ];
 /// Greatest number of blocks.
 const MOST: usize = 300;

@@ -16,7 +16,7 @@ pub fn run(data: &[u8]) {
     if family.content.grid.iter().map(items).fold(0, usize::saturating_add) > MOST {
         return;
     }
-    let manifest = include_str!("../../../tasks/mineceraft-3/suite.toml");
+    let manifest = include_str!("../../../tasks/mineceraft-4/suite.toml");
     let (before, rest) = manifest.split_once("families = [").expect("the suite has families");
     let (_, after) = rest.split_once(']').expect("the list ends");
     let (words, _) = after.split_once("[lite]").expect("the suite has a Lite draw");
@@ -24,7 +24,7 @@ pub fn run(data: &[u8]) {
     let name = format!("{}.toml", family.name());
     let files = [TaskFile { name: "suite.toml", text: &manifest }, TaskFile { name: &name, text }];
     let Ok(source) = SuiteSource::read(&files) else { return };
-    if let Ok(suite) = source.suite(3) {
+    if let Ok(suite) = source.suite(4) {
         assert!(suite.tasks.iter().all(|task| !task.content_hash().is_empty()));
     }
 }

@@ -410,7 +410,7 @@ class EventBody(BaseModel):
     """
     Identifier of the submission; null for the end of a run.
     """
-    suite: Annotated[str | None, Field(examples=["mineceraft@3"])] = None
+    suite: Annotated[str | None, Field(examples=["mineceraft@4"])] = None
     """
     `name@version` of the suite.
     """
@@ -3279,7 +3279,7 @@ class Validated(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    suite: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     `name@version` of the task's suite.
     """
@@ -4815,7 +4815,7 @@ class RepeatsBody(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    suite: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     `name@version` of the suite.
     """
@@ -5081,7 +5081,7 @@ class SuiteBody(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    id: Annotated[str, Field(examples=["mineceraft@3"])]
+    id: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     Identifier of the suite: `name@version`.
     """
@@ -5101,7 +5101,7 @@ class SuiteBody(BaseModel):
     """
     Number of turns in all tasks.
     """
-    checks: Annotated[int, Field(examples=[6412], ge=0)]
+    checks: Annotated[int, Field(examples=[5843], ge=0)]
     """
     Number of checks in all turns.
     """
@@ -5180,7 +5180,7 @@ class TaskPage(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    suite: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     `name@version` of the suite.
     """
@@ -5811,7 +5811,7 @@ class TaskBody(BaseModel):
     """
     Parameters from which the family generates this task; absent for an agent.
     """
-    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    suite: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     `name@version` of the suite.
     """
@@ -5870,7 +5870,7 @@ class BoardBody(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    suite: Annotated[str, Field(examples=["mineceraft@3"])]
+    suite: Annotated[str, Field(examples=["mineceraft@4"])]
     """
     `name@version` of the suite.
     """

@@ -50,6 +50,8 @@ pub enum Part {
     RoomCorners,
     /// The highest block of each column over a room.
     RoomRoof,
+    /// The cells of a level straight below the air of rooms, be they filled or not.
+    UnderRooms,
 }
 
 /// Check that a share of one part of the build is of a kind or a family; of the sides, each one must have that share.
@@ -115,7 +117,7 @@ impl MadeOf {
     /// Returns whether the part is that of a room, to find which takes a walk through the space around the build.
     #[must_use]
     pub const fn is_of_rooms(&self) -> bool {
-        matches!(self.part, Part::RoomWalls | Part::RoomCorners | Part::RoomRoof)
+        matches!(self.part, Part::RoomWalls | Part::RoomCorners | Part::RoomRoof | Part::UnderRooms)
     }
 }
 
@@ -135,7 +137,8 @@ fn entries_of(part: Part, y: i32, subject: &Subject<'_>) -> Vec<Vec<usize>> {
                 vec![(0..cells.len()).filter(|&i| is_roof(cells[i]) && 2 * cells[i].y >= top).collect()]
             }
             Part::RoomWalls | Part::RoomCorners | Part::RoomRoof => vec![of_rooms(part, y, subject)],
-            Part::Corners | Part::Sides => vec![Vec::new()],
+            // `under_rooms` returns what empty cells belong to as well.
+            Part::UnderRooms | Part::Corners | Part::Sides => vec![Vec::new()],
         };
     };
     let on_x = |c: Cell| c.x == bounds.min.x || c.x == bounds.max.x;
@@ -150,6 +153,19 @@ fn entries_of(part: Part, y: i32, subject: &Subject<'_>) -> Vec<Vec<usize>> {
         side(&|c| c.z == bounds.min.z && !on_x(c)),
         side(&|c| c.z == bounds.max.z && !on_x(c)),
     ]
+}
+
+/// Returns the entries that lie straight below the air of rooms on a level, and the other cells there, which are empty or
+/// natural ground.
+fn under_rooms(y: i32, subject: &Subject<'_>) -> (Vec<usize>, Vec<Cell>) {
+    let Some(around) = subject.surroundings() else { return (Vec::new(), Vec::new()) };
+    let air = around.terrain.cells_of(around.spaces(), &around.rooms(LEAST_FLOOR));
+    let mut bare: CellSet = air.filter(|cell| cell.y > y).map(|cell| Cell::new(cell.x, y, cell.z)).collect();
+    let entries = subject.structure.cells().iter().enumerate();
+    let filled = entries.filter(|(_, cell)| bare.remove(cell)).map(|(i, _)| i).collect();
+    let mut bare: Vec<Cell> = bare.into_iter().collect();
+    bare.sort_unstable();
+    (filled, bare)
 }
 
 /// Returns the entries of a part that rooms define.
@@ -197,7 +213,13 @@ impl Rule for MadeOf {
         }
         let own = structure.palette().mask(|name| self.of.has(name));
         let is_own = |&i: &usize| own[structure.material_ids()[i] as usize];
-        let mut parts = entries_of(self.part, self.y, subject);
+        let (mut parts, bare) = match self.part {
+            Part::UnderRooms => {
+                let (filled, bare) = under_rooms(self.y, subject);
+                (vec![filled], bare)
+            }
+            part => (entries_of(part, self.y, subject), Vec::new()),
+        };
         if let Some(except) = self.except {
             let left_out = structure.palette().mask(|name| except.has(name));
             for part in &mut parts {
@@ -206,20 +228,22 @@ impl Rule for MadeOf {
         }
         // A level needs at least four corner blocks to have corners; an empty part fails.
         let has_corners = matches!(self.part, Part::Corners | Part::RoomCorners);
-        let is_whole = |part: &[usize]| if has_corners { part.len() >= 4 } else { !part.is_empty() };
+        let is_whole = |cells: usize| cells >= if has_corners { 4 } else { 1 };
         let share = |part: &Vec<usize>| {
             let own = part.iter().filter(|i| is_own(i)).count();
-            if is_whole(part) { own as f64 / part.len() as f64 } else { 0.0 }
+            let all = part.len() + bare.len();
+            if is_whole(all) { own as f64 / all as f64 } else { 0.0 }
         };
         let least = parts.iter().map(share).fold(1.0, f64::min);
         let summary = subject.tell(|| {
-            if self.is_of_rooms() && parts.iter().all(Vec::is_empty) {
+            if self.is_of_rooms() && bare.is_empty() && parts.iter().all(Vec::is_empty) {
                 format!("no room was found, so there is no part of it to be of {}", self.of)
             } else {
                 format!("{:.0} % of the part is of {}", 100.0 * least, self.of)
             }
         });
         let others = parts.iter().flatten().filter(|i| !is_own(i)).map(|&i| structure.cells()[i]);
-        Finding::binary(least >= self.min_share, least, required, summary).with_witnesses(others, "another material")
+        let finding = Finding::binary(least >= self.min_share, least, required, summary);
+        finding.with_witnesses(others, "another material").with_witnesses(bare, "no block of the build")
     }
 }

@@ -150,6 +150,11 @@ impl Terrain {
         cell.y < 0 || self.has(cell, SOLID)
     }
 
+    /// Returns whether a half of a door fills the cell.
+    pub(super) fn is_doorway(&self, cell: Cell) -> bool {
+        self.has(cell, DOOR)
+    }
+
     /// Returns whether a player can stand in the cell. Doors do not block the way.
     #[must_use]
     pub fn can_stand(&self, feet: Cell) -> bool {
@@ -243,10 +248,15 @@ impl Terrain {
         self.min.y + self.size[1] - 1
     }
 
+    /// Returns the index of the region that a cell belongs to, or `None` if it is no air or lies outside the grid.
+    pub(super) fn piece_of(&self, cell: Cell, spaces: &Spaces) -> Option<usize> {
+        self.index(cell).and_then(|index| spaces.piece_at(index))
+    }
+
     /// Returns whether the cell is air that is separated from the outside.
     #[must_use]
     pub fn is_enclosed(&self, cell: Cell, spaces: &Spaces) -> bool {
-        self.index(cell).and_then(|index| spaces.piece_at(index)).is_some_and(|piece| piece != OUTSIDE)
+        self.piece_of(cell, spaces).is_some_and(|piece| piece != OUTSIDE)
     }
 
     /// Returns the indices of the two regions that a door connects, one on each of two opposite sides in which a player
@@ -306,7 +316,7 @@ mod tests {
         let terrain = Terrain::of(&hut(|_| true)).unwrap();
         let reached = terrain.reached([Cell::new(-1, 0, 2)], 1, 1);
         assert!(reached.contains(&Cell::new(2, 0, 2)));
-        assert_eq!(terrain.highest_climbed().unwrap().y, -1);
+        assert_eq!(terrain.highest_climbed(|_| true).unwrap().y, -1);
         let wide = terrain.reached([Cell::new(-2, 0, 2)], 0, 2);
         assert!(!wide.contains(&Cell::new(2, 0, 2)), "the door is one wide");
     }
@@ -317,9 +327,9 @@ mod tests {
             let steps = (0..4).flat_map(|i| (0..=i).map(move |y| Cell::new(i, y, 0)));
             Structure::from_named(steps.chain(ceiling).map(|cell| (cell, "stone")))
         };
-        assert_eq!(Terrain::of(&steps(None)).unwrap().highest_climbed(), Some(Cell::new(3, 3, 0)));
+        assert_eq!(Terrain::of(&steps(None)).unwrap().highest_climbed(|_| true), Some(Cell::new(3, 3, 0)));
         let low = Some(Cell::new(1, 4, 0));
-        assert_eq!(Terrain::of(&steps(low)).unwrap().highest_climbed(), Some(Cell::new(1, 1, 0)));
+        assert_eq!(Terrain::of(&steps(low)).unwrap().highest_climbed(|_| true), Some(Cell::new(1, 1, 0)));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use plumbline_engine::voxel::blocks::{is_air, is_door, is_known};
+use plumbline_engine::voxel::blocks::{BlockSet, is_air, is_door, is_known};
 
 use super::world::World;
 use super::{Arguments, At, Block, Build, SIDES, moved};
@@ -70,6 +70,9 @@ fn is_made_of(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     let least = arguments.number("min_share").unwrap_or(1.0);
     let part = arguments.text("part")?;
     let fewest = if part == "corners" || part == "room_corners" { 4 } else { 1 };
+    if part == "under_rooms" {
+        return Some(!build.blocks.is_empty() && under_rooms(arguments, build, of) >= least);
+    }
     let is_of = |group: &Vec<&Block<'_>>| {
         let rest = group.iter().filter(|block| except.is_none_or(|except| !except.has(block.name)));
         let own = rest.clone().filter(|block| of.has(block.name)).count();
@@ -77,6 +80,19 @@ fn is_made_of(arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
         share >= least
     };
     Some(!build.blocks.is_empty() && groups(part, arguments.integer("y", 0), build)?.iter().all(is_of))
+}
+
+/// Returns the share of the cells below rooms, on a level, in which a block of a kind lies. Where a cell is listed twice,
+/// its first entry counts.
+fn under_rooms(arguments: Arguments<'_>, build: &Build<'_>, of: BlockSet) -> f64 {
+    let (y, except) = (arguments.integer("y", 0), arguments.blocks("except"));
+    let Some(world) = World::of(build) else { return 0.0 };
+    let air = world.rooms(4).into_iter().flatten().filter(|at| at[1] > y);
+    let mut below: BTreeSet<At> = air.map(|at| [at[0], y, at[2]]).collect();
+    let entry = |at: &At| build.blocks.iter().find(|block| block.at == *at);
+    below.retain(|at| !entry(at).is_some_and(|block| except.is_some_and(|except| except.has(block.name))));
+    let own = below.iter().filter(|at| entry(at).is_some_and(|block| of.has(block.name))).count();
+    if below.is_empty() { 0.0 } else { own as f64 / below.len() as f64 }
 }
 
 /// Returns the groups of blocks that a part consists of.

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Arguments, Build, Flat, parts};
+use super::{Arguments, Build, Flat, SIDES, moved, parts};
 
 /// The gap between two supports along one axis in plan: 0 for x, 1 for z.
 #[derive(Clone, Copy)]
@@ -62,7 +62,7 @@ fn rows(build: &Build<'_>, gap: Gap, above: i64) -> Vec<(i64, Vec<BTreeSet<i64>>
 }
 
 /// Whether a surface rises from both ends and lies nowhere a whole block or more below a chord.
-fn bulges(heights: &[i64]) -> bool {
+pub fn bulges(heights: &[i64]) -> bool {
     let most = heights.iter().max().expect("a height");
     let ends = (0..heights.len()).flat_map(|j| (0..j).map(move |i| (i, j)));
     let mut points = ends.flat_map(|(i, j)| (i + 1..j).map(move |k| (i, k, j)));
@@ -95,7 +95,10 @@ fn is_true_arch(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
         before.reverse();
         let after: Vec<i64> = (gap.last + 1..=gap.ends.1).map_while(top).collect();
         let whole = [&before[..], &high, &after].concat();
-        bulges(&low) && (bulges(&high) || arguments.flag("with_supports", false) && bulges(&whole))
+        let rise = low.iter().max().expect("a height") - low[0].max(low[low.len() - 1]);
+        bulges(&low)
+            && rise >= arguments.integer("min_rise", 0)
+            && (bulges(&high) || arguments.flag("with_supports", false) && bulges(&whole))
     };
     rows(build, gap, y).iter().any(is_arch)
 }
@@ -124,5 +127,24 @@ fn has_clear_span(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     let width = arguments.integer("min_width", 1);
     let is_wide =
         |first: &i64| width <= decks.len() as i64 && (0..width.max(1)).all(|more| decks.contains(&(first + more)));
-    decks.iter().any(is_wide)
+    let Some(first) = decks.iter().find(|first| is_wide(first)).copied() else { return false };
+    !arguments.flag("one_piece", false) || is_one_piece(build, gap, first, height - 1)
+}
+
+/// Whether both supports on the ground hang together, at y >= 0, with the block of a row's deck at one end of a gap.
+fn is_one_piece(build: &Build<'_>, gap: Gap, row: i64, above: i64) -> bool {
+    let heights = heights(build, gap, above);
+    let top = *heights[&(row, gap.first)].last().expect("a height");
+    let deck = if gap.axis == 0 { [gap.first, top, row] } else { [row, top, gap.first] };
+    let all = build.all();
+    let mut piece = BTreeSet::from([deck]);
+    let steps = SIDES.into_iter().chain([[0, 1, 0], [0, -1, 0]]);
+    while let Some(more) = all
+        .iter()
+        .find(|at| at[1] >= 0 && !piece.contains(*at) && steps.clone().any(|step| piece.contains(&moved(**at, step))))
+    {
+        piece.insert(*more);
+    }
+    let supports = parts(&build.level(0), true);
+    supports.iter().all(|support| support.iter().any(|at| piece.contains(&[at.0, 0, at.1])))
 }

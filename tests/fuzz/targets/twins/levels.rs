@@ -70,6 +70,7 @@ fn reaches(squared: f64, least: f64) -> bool {
 }
 
 fn level_has(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
+    let build = &build.standing(arguments.flag("solid", false));
     let (y, of) = (arguments.integer("y", 0), arguments.blocks("of"));
     let counts = |name: &str| of.is_none_or(|of| of.has(name));
     let own = build.cells(counts);
@@ -87,7 +88,17 @@ fn level_has(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
         let (x, z) = (span(part, |at| at.0), span(part, |at| at.1));
         (x >= size[0] && z >= size[1]) || (x >= size[1] && z >= size[0])
     };
-    is_within(places.len(), "min_blocks", "max_blocks")
+    let full: Vec<i64> = arguments.list("full_size").into_iter().filter_map(serde_json::Value::as_i64).collect();
+    let fills = |a: i64, b: i64| {
+        let is_full = |(x, z): &Flat| {
+            a * b <= places.len() as i64 && (0..a).all(|dx| (0..b).all(|dz| places.contains(&(x + dx, z + dz))))
+        };
+        places.iter().any(is_full)
+    };
+    let is_full = full.is_empty()
+        || [[full[0], full[1]], [full[1], full[0]]].iter().any(|[a, b]| fills((*a).max(1), (*b).max(1)));
+    is_full
+        && is_within(places.len(), "min_blocks", "max_blocks")
         && is_within(parts.len(), "min_parts", "max_parts")
         && (size.is_empty() || parts.iter().any(reaches))
 }

@@ -3,6 +3,7 @@
 
 mod blocks;
 mod bridges;
+mod columns;
 mod levels;
 mod order;
 mod spaces;
@@ -13,7 +14,7 @@ mod world;
 use std::collections::BTreeSet;
 
 use plumbline_engine::voxel::Structure;
-use plumbline_engine::voxel::blocks::BlockSet;
+use plumbline_engine::voxel::blocks::{BlockSet, is_structural};
 use serde_json::Value;
 
 /// A cell, as x, y and z.
@@ -46,6 +47,12 @@ impl<'a> Build<'a> {
         };
         let is_read_as_game = structure.is_read_as_game();
         Self { blocks: (0..structure.len()).map(block).collect(), is_read_as_game }
+    }
+
+    /// Returns the build without what nothing can be built of, if the arguments ask for that.
+    pub fn standing(&self, only_solid: bool) -> Self {
+        let blocks = self.blocks.iter().filter(|block| !only_solid || is_structural(block.name)).cloned();
+        Self { blocks: blocks.collect(), is_read_as_game: self.is_read_as_game }
     }
 
     /// Returns the cells of the blocks whose name is wanted.
@@ -107,6 +114,7 @@ impl<'a> Arguments<'a> {
 pub fn score(name: &str, arguments: &Value, build: &Build<'_>) -> Option<f64> {
     let (room, rule) = name.split_once('.')?;
     let arguments = Arguments(arguments);
+    let solid = build.standing(arguments.flag("solid", false));
     let truth = |holds: Option<bool>| holds.map(|holds| if holds { 1.0 } else { 0.0 });
     match room {
         "material" => truth(blocks::holds(rule, arguments, build)),
@@ -116,9 +124,10 @@ pub fn score(name: &str, arguments: &Value, build: &Build<'_>) -> Option<f64> {
         "physical_plausibility" => truth(Some(ways::is_grounded(build))),
         "shape" => truth(
             levels::clusters(rule, arguments, build)
-                .or_else(|| surfaces::holds(rule, arguments, build))
+                .or_else(|| (rule == "has_columns").then(|| columns::holds(arguments, build)))
+                .or_else(|| surfaces::holds(rule, arguments, &solid))
                 .or_else(|| ways::holds(rule, arguments, build))
-                .or_else(|| bridges::holds(rule, arguments, build))
+                .or_else(|| bridges::holds(rule, arguments, &solid))
                 .or_else(|| spaces::holds(rule, arguments, build)),
         ),
         _ => None,

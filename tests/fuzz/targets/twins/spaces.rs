@@ -15,30 +15,40 @@ pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<
     match rule {
         "has_enclosed_rooms" => in_world(&|world| {
             let least = number("min_floor_cells", 4.0) as usize;
-            let of_size = world.enclosed().values().filter(|cells| world.floors(cells) >= least).count() as f64;
-            world.rooms(least).len() as f64 >= number("min_rooms", 0.0)
+            let counted = number("counted_from", least as f64) as usize;
+            let of_size = world.enclosed().values().filter(|cells| world.floors(cells) >= counted).count() as f64;
+            let most = number("max_door_share", f64::INFINITY);
+            let rooms = reached(arguments, world, least).into_iter().filter(|room| world.door_share(room) <= most);
+            rooms.count() as f64 >= number("min_rooms", 0.0)
                 && arguments.number("max_rooms").is_none_or(|most| of_size <= most)
         }),
         "doors_lead_through" => in_world(&|world| {
+            let parts = |door: &&At| world.joined_by(**door).is_some_and(|[one, other]| one != other);
             world.doors.len() as f64 >= number("min_doors", 1.0)
+                && world.doors.iter().filter(parts).count() as f64 >= number("min_parting", 0.0)
                 && world.doors.iter().all(|door| world.joined_by(*door).is_some())
         }),
         "walks_out" => in_world(&|world| walks_out(arguments, build, world)),
         "climbs_to" => in_world(&|world| {
-            let highest = world.walked(1, 1).iter().map(|feet| feet[1] - 1).max();
+            let plan = floor_plan(build, arguments.integer("min_y", 0));
+            let is_over = |feet: &&At| {
+                let is_within =
+                    |[x0, x1, z0, z1]: &[i64; 4]| (*x0..=*x1).contains(&feet[0]) && (*z0..=*z1).contains(&feet[2]);
+                !arguments.flag("onto_floor", false) || plan.as_ref().is_some_and(is_within)
+            };
+            let highest = world.walked(1, 1).iter().filter(is_over).map(|feet| feet[1] - 1).max();
             highest.is_some_and(|y| y as f64 >= number("min_y", f64::INFINITY))
         }),
         "has_upper_floor" => in_world(&|world| {
-            let is_upper = |feet: &&At| {
-                (feet[1] - 1) as f64 >= number("min_y", f64::INFINITY)
-                    && world.is_floor(**feet)
-                    && world.is_enclosed(**feet)
-            };
-            world.walked(1, 1).iter().filter(is_upper).count() as f64 >= number("min_cells", 4.0)
+            let mut walked = world.walked(1, 1);
+            walked.retain(|feet| world.is_floor(*feet) && world.is_enclosed(*feet));
+            let is_upper = |feet: &&At| (feet[1] - 1) as f64 >= number("min_y", f64::INFINITY);
+            walked.iter().filter(is_upper).count() as f64 >= number("min_cells", 4.0)
+                && walked.iter().filter(|feet| feet[1] <= 1).count() as f64 >= number("ground_cells", 0.0)
         }),
         "has_ceilings" => in_world(&|world| {
             let mut over: BTreeMap<i64, f64> = BTreeMap::new();
-            for feet in world.rooms(4).iter().flatten().filter(|at| world.is_floor(**at)) {
+            for feet in reached(arguments, world, 4).iter().flatten().filter(|at| world.is_floor(**at)) {
                 if let Some(y) = world.ceiling(*feet) {
                     *over.entry(y).or_default() += 1.0;
                 }
@@ -49,6 +59,29 @@ pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<
         }),
         _ => None,
     }
+}
+
+/// Returns the rooms to a floor of which one can walk from outside, or all where no step is given.
+fn reached(arguments: Arguments<'_>, world: &World, least: usize) -> Vec<BTreeSet<At>> {
+    let mut rooms = world.rooms(least);
+    if let Some(step) = arguments.number("max_step") {
+        let walked = world.walked((step as i64).min(1), 1);
+        rooms.retain(|room| room.iter().any(|at| walked.contains(at) && world.is_floor(*at)));
+    }
+    rooms
+}
+
+/// Returns the ends along x and z of the part of a level with the largest rectangle around it; the first of equal ones.
+fn floor_plan(build: &Build<'_>, y: i64) -> Option<[i64; 4]> {
+    let mut best: Option<[i64; 4]> = None;
+    let area = |[x0, x1, z0, z1]: &[i64; 4]| (x1 - x0 + 1) * (z1 - z0 + 1);
+    for part in parts(&build.level(y), true) {
+        let x = part.iter().map(|at| at.0);
+        let z = part.iter().map(|at| at.1);
+        let own = [x.clone().min()?, x.max()?, z.clone().min()?, z.max()?];
+        best = Some(best.filter(|best| area(best) >= area(&own)).unwrap_or(own));
+    }
+    best
 }
 
 fn has_rooms(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
@@ -81,7 +114,10 @@ fn walks_out(arguments: Arguments<'_>, build: &Build<'_>, world: &World) -> bool
     }
     let gets_out = |start: &Vec<At>| {
         let beside = start.iter().flat_map(|at| SIDES.iter().map(|side| moved(*at, *side)));
-        beside.filter(|side| world.is_enclosed(*side)).any(|side| square(side).any(|at| walked.contains(&at)))
+        let is_inside = start.iter().any(|at| world.is_enclosed(moved(*at, [0, 1, 0])));
+        let gets_out =
+            beside.filter(|side| world.is_enclosed(*side)).any(|side| square(side).any(|at| walked.contains(&at)));
+        gets_out && (is_inside || !arguments.flag("indoors", false))
     };
     starts.len() as f64 >= arguments.number("min_starts").unwrap_or(1.0) && starts.iter().all(gets_out)
 }

@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{Arguments, Build, Flat};
+use super::bridges::bulges as arches;
+use super::{Arguments, Build, Flat, parts};
 
 pub fn holds(rule: &str, arguments: Arguments<'_>, build: &Build<'_>) -> Option<bool> {
     match rule {
@@ -78,7 +79,17 @@ fn is_vault(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     // Towards zero, where the middle lies between two columns.
     let middle = [0, 2].map(|axis| i64::midpoint(build.ends(axis).0, build.ends(axis).1));
     let middle_column = above.blocks.iter().filter(|block| [block.at[0], block.at[2]] == middle);
-    let clear = middle_column.map(|block| block.at[1]).min().unwrap_or(0);
+    let lowest = middle_column.map(|block| block.at[1]).min().unwrap_or(0);
+    // The free cells below the cover of a column, which begins at its top and goes on as far as blocks do.
+    let free = |at: &Flat, top: i64| {
+        let below: Vec<bool> = (0..=top).rev().map(|y| cells.contains(&[at.0, y, at.1])).collect();
+        below.into_iter().skip_while(|filled| *filled).take_while(|filled| !filled).count() as i64
+    };
+    let min_hollow = arguments.number("min_hollow").unwrap_or(0.0);
+    let clear = match tops.get(&(middle[0], middle[1])) {
+        Some(top) if arguments.flag("shell", false) => free(&(middle[0], middle[1]), *top),
+        _ => lowest,
+    };
     let span = |along: fn(&Flat) -> i64| -> Option<(i64, i64)> {
         Some((tops.keys().map(along).min()?, tops.keys().map(along).max()?))
     };
@@ -92,9 +103,36 @@ fn is_vault(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
         let sides = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dz)| tops.get(&(at.0 + dx, at.1 + dz)));
         sides.iter().flatten().all(|low| (**low + 1..=*top).all(|y| cells.contains(&[at.0, y, at.1])))
     };
+    let around: BTreeSet<Flat> = (x.0 - 1..=x.1 + 1)
+        .flat_map(|column| (z.0 - 1..=z.1 + 1).map(move |row| (column, row)))
+        .filter(|at| !tops.contains_key(at))
+        .collect();
+    let may_be_open = arguments.flag("shell", false);
+    let is_closed = if may_be_open { parts(&around, true).len() == 1 } else { rows_are_closed };
     let along_x: Vec<i64> = tops.iter().filter(|(at, _)| at.1 == middle[1]).map(|(_, top)| *top).collect();
     let along_z: Vec<i64> = tops.iter().filter(|(at, _)| at.0 == middle[0]).map(|(_, top)| *top).collect();
-    rows_are_closed
+    let opened = |line: Vec<i64>, own: (bool, bool)| {
+        let before = (may_be_open && !own.0).then_some(-1);
+        let after = (may_be_open && !own.1).then_some(-1);
+        before.into_iter().chain(line).chain(after).collect::<Vec<i64>>()
+    };
+    let has = |column: i64, row: i64| tops.contains_key(&(column, row));
+    let along_x = opened(along_x, (has(x.0, middle[1]), has(x.1, middle[1])));
+    let along_z = opened(along_z, (has(middle[0], z.0), has(middle[0], z.1)));
+    let is_at_edge = |at: &Flat| {
+        [(1, 0), (-1, 0), (0, 1), (0, -1)].iter().any(|(dx, dz)| !tops.contains_key(&(at.0 + dx, at.1 + dz)))
+    };
+    let edge: Vec<(&Flat, &i64)> = tops.iter().filter(|(at, _)| is_at_edge(at)).collect();
+    let stands = |(at, top): &&(&Flat, &i64)| (0..=**top).all(|y| cells.contains(&[at.0, y, at.1]));
+    let footing = edge.iter().filter(stands).count() as f64 / edge.len() as f64;
+    let inner: Vec<(&Flat, &i64)> = tops.iter().filter(|(at, _)| !is_at_edge(at)).collect();
+    let hollow = inner.iter().filter(|(at, top)| free(at, **top) > 0).count() as f64;
+    let is_hollow = min_hollow <= 0.0 || !inner.is_empty() && hollow / inner.len() as f64 >= min_hollow;
+    let bulges = [&along_x, &along_z].iter().all(|line| !line.is_empty() && arches(line));
+    is_closed
+        && is_hollow
+        && (!arguments.flag("shell", false) || bulges)
+        && footing >= arguments.number("min_footing").unwrap_or(0.0)
         && tops.len() as f64 / area >= arguments.number("min_cover").unwrap_or(0.0)
         && (!arguments.flag("no_gaps", false) || tops.iter().all(has_no_gap))
         && clear as f64 >= arguments.number("min_clear").unwrap_or(0.0)

@@ -113,6 +113,14 @@ impl World {
         regions
     }
 
+    /// Returns the share of doors in what stands beside the air of a region.
+    pub fn door_share(&self, cells: &BTreeSet<At>) -> f64 {
+        let beside = cells.iter().flat_map(|at| SIDES.map(|side| moved(*at, side)));
+        let sides: BTreeSet<At> = beside.filter(|at| !self.is_air(*at)).collect();
+        let doors = sides.iter().filter(|at| self.doorways.contains(*at)).count();
+        if sides.is_empty() { 0.0 } else { doors as f64 / sides.len() as f64 }
+    }
+
     pub fn floors(&self, cells: &BTreeSet<At>) -> usize {
         cells.iter().filter(|at| self.is_floor(**at)).count()
     }

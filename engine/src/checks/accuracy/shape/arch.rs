@@ -26,6 +26,17 @@ pub struct TrueArch {
     /// Whether the upper surface may also be judged over the supports and the span together.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub with_supports: bool,
+    /// Least number of blocks by which the underside rises above both its ends.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_rise: u32,
+    /// Whether what nothing can be built of, such as water, torches and doors, is left out.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub solid: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(blocks: &u32) -> bool {
+    *blocks == 0
 }
 
 /// Horizontal axis.
@@ -157,7 +168,7 @@ fn upper_with_supports(highest: &BTreeMap<(i32, i32), i32>, span: ClearSpan, cut
 
 /// Returns the index where a surface fails to bulge up, or `None` if it bulges. It fails at an end that is as high as
 /// any other point, or where it dips a block or more below a chord.
-fn break_of(heights: &[i32]) -> Option<usize> {
+pub(super) fn break_of(heights: &[i32]) -> Option<usize> {
     let highest = heights.iter().max().copied().unwrap_or(0);
     if heights.first() == Some(&highest) {
         return Some(0);
@@ -180,6 +191,13 @@ fn break_of(heights: &[i32]) -> Option<usize> {
     hull.windows(2).find_map(|ends| (ends[0] + 1..ends[1]).find(|i| is_dip(i, ends)))
 }
 
+/// Returns by how many blocks the highest of some heights lies above the higher of both ends.
+fn rise_of(heights: &[i32]) -> i64 {
+    let highest = heights.iter().max().copied().unwrap_or(0);
+    let end = heights.first().max(heights.last()).copied().unwrap_or(0);
+    i64::from(highest) - i64::from(end)
+}
+
 /// Returns whether `p`, raised by `by`, lies on or below the chord from `a` to `b`.
 const fn is_below(p: (i64, i64), a: (i64, i64), b: (i64, i64), by: i64) -> bool {
     (p.1 + by) * (b.0 - a.0) <= a.1 * (b.0 - p.0) + b.1 * (p.0 - a.0)
@@ -190,7 +208,7 @@ impl Rule for TrueArch {
         let required = subject.tell(
             || json!({ "supports": 2, "y": self.support_y, "underside": "bulges up", "upper_surface": "bulges up" }),
         );
-        let structure = subject.structure;
+        let structure = subject.standing(self.solid);
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
@@ -220,7 +238,8 @@ impl Rule for TrueArch {
             break_of(&cut.upper).is_none()
                 || self.with_supports && break_of(&upper_with_supports(&highest, span, cut)).is_none()
         };
-        let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && rises(cut);
+        let is_high = |cut: &Cut| rise_of(&cut.underside) >= i64::from(self.min_rise);
+        let holds = |cut: &&Cut| break_of(&cut.underside).is_none() && is_high(cut) && rises(cut);
         if let Some(cut) = cuts.iter().find(holds) {
             let summary = subject.tell(|| format!("an arch over {} clear blocks along {axis}", span.length()));
             return Finding::binary(true, measured(Some(cut)), required, summary);
@@ -228,6 +247,12 @@ impl Rule for TrueArch {
         let Some(cut) = cuts.first() else {
             return fails(measured(None), format!("nothing spans the {} clear blocks along {axis}", span.length()));
         };
+        if break_of(&cut.underside).is_none() && !is_high(cut) {
+            let rise = counted(rise_of(&cut.underside), "block");
+            let summary =
+                subject.tell(|| format!("the underside rises by {rise}; required at least {}", self.min_rise));
+            return fails(measured(Some(cut)), summary);
+        }
         let (name, at, heights) = match break_of(&cut.underside) {
             Some(at) => ("underside", at, &cut.underside),
             None => ("upper surface", break_of(&cut.upper).unwrap_or(0), &cut.upper),
@@ -265,7 +290,8 @@ mod tests {
     }
 
     fn finding(structure: &Structure) -> Finding {
-        TrueArch { support_y: 0, with_supports: false }.evaluate(&Subject::unhurried(structure))
+        TrueArch { support_y: 0, with_supports: false, min_rise: 0, solid: false }
+            .evaluate(&Subject::unhurried(structure))
     }
 
     #[test]
@@ -273,6 +299,13 @@ mod tests {
         let piers = || (0..3).flat_map(|y| [[0, y, 0], [6, y, 0]]);
         let deck = |height: [i32; 5]| (1..6).zip(height).map(|(x, y)| [x, y, 0]);
         assert!(finding(&stone(piers().chain(deck([3, 4, 5, 4, 3])))).holds());
+        let rises = |min_rise, height| {
+            let rule = TrueArch { support_y: 0, with_supports: false, min_rise, solid: true };
+            rule.evaluate(&Subject::unhurried(&stone(piers().chain(deck(height)))))
+        };
+        assert!(rises(2, [3, 4, 5, 4, 3]).holds() && !rises(3, [3, 4, 5, 4, 3]).holds());
+        let plank = rises(2, [3, 4, 4, 4, 3]);
+        assert_eq!(plank.summary, "the underside rises by 1 block; required at least 2");
         let flat = finding(&stone(piers().chain(deck([3; 5]))));
         assert_eq!((flat.score, flat.summary.as_str()), (0.0, "the underside does not rise at [1, 3, 0]"));
         assert!(!finding(&stone(piers().chain(deck([5, 4, 3, 4, 5])))).holds());
@@ -294,7 +327,7 @@ mod tests {
         let over = (3..8).zip([2, 3, 4, 3, 2]).flat_map(|(x, low)| (low..=4).map(move |y| [x, y, 0]));
         let arch = stone(stands.chain(over));
         assert!(!finding(&arch).holds(), "judged over the span alone");
-        let judged = TrueArch { support_y: 0, with_supports: true };
+        let judged = TrueArch { support_y: 0, with_supports: true, min_rise: 0, solid: false };
         assert!(judged.evaluate(&Subject::unhurried(&arch)).holds());
     }
 

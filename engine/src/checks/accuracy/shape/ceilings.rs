@@ -24,6 +24,10 @@ pub struct HasCeilings {
     /// Least level of the highest ceiling; null for any.
     #[serde(default)]
     pub min_top: Option<i32>,
+    /// Greatest step of a walk from the ground around the build to a floor of the room, in blocks: 0 or 1; null asks for
+    /// no such walk. Steps of 1 include ladders.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_step: Option<u32>,
 }
 
 const fn one() -> u32 {
@@ -41,7 +45,7 @@ impl Rule for HasCeilings {
             return without_terrain(subject, required);
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
-        let rooms = around.rooms(LEAST_FLOOR);
+        let rooms = around.rooms_within(LEAST_FLOOR, self.max_step);
         let mut over: BTreeMap<i32, (u32, Cell)> = BTreeMap::new();
         for feet in terrain.cells_of(spaces, &rooms).filter(|cell| terrain.is_floor(*cell)) {
             if let Some(y) = terrain.ceiling_above(feet) {
@@ -88,7 +92,9 @@ mod tests {
     #[test]
     fn levels_are_counted_over_floors_of_rooms() {
         let holds = |second, min_levels, min_top| {
-            HasCeilings { min_levels, min_cells: 4, min_top }.evaluate(&Subject::unhurried(&hut(second))).holds()
+            HasCeilings { min_levels, min_cells: 4, min_top, max_step: Some(1) }
+                .evaluate(&Subject::unhurried(&hut(second)))
+                .holds()
         };
         assert!(holds(3, 1, None) && !holds(3, 2, None));
         assert!(holds(4, 2, Some(4)) && !holds(4, 2, Some(5)) && !holds(4, 3, None));
@@ -96,7 +102,8 @@ mod tests {
         let both = Structure::from_named(
             hut(3).cells().iter().chain(chimney.cells()).map(|cell| (*cell, "stone")).collect::<Vec<_>>(),
         );
-        let found = HasCeilings { min_levels: 2, min_cells: 4, min_top: None }.evaluate(&Subject::unhurried(&both));
+        let found = HasCeilings { min_levels: 2, min_cells: 4, min_top: None, max_step: None }
+            .evaluate(&Subject::unhurried(&both));
         assert!(!found.holds(), "a chimney is no ceiling: {}", found.summary);
     }
 }

@@ -5,11 +5,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::checks::{Finding, Rule, Subject};
-use crate::text::{counted, of_all, range_of_counts};
+use crate::text::{agreeing, counted, of_all, range_of_counts};
 use crate::voxel::terrain::MAX_EXTENT;
 
 /// Check that there are enough enclosed regions of air with standing room that doors connect to the outside.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EnclosedRooms {
     /// Least number of rooms.
@@ -20,6 +20,17 @@ pub struct EnclosedRooms {
     /// Least number of cells with standing room in a room.
     #[serde(default = "four")]
     pub min_floor_cells: u32,
+    /// Greatest step of a walk from the ground around the build to a floor of the room, in blocks: 0 or 1; null asks for
+    /// no such walk. Steps of 1 include ladders.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_step: Option<u32>,
+    /// Greatest share of doors in what stands beside the air of a room, from 0 to 1; null sets no limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_door_share: Option<f64>,
+    /// Least number of cells with standing room with which a space counts towards the greatest number of rooms; null
+    /// takes that of a room.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counted_from: Option<u32>,
 }
 
 /// Check that there are enough doors, and that each has standing room on two opposite sides.
@@ -29,6 +40,14 @@ pub struct DoorsLeadThrough {
     /// Least number of doors.
     #[serde(default = "one")]
     pub min_doors: u32,
+    /// Least number of doors that part a space from another one or from the outside.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_parting: u32,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(doors: &u32) -> bool {
+    *doors == 0
 }
 
 const fn four() -> u32 {
@@ -78,15 +97,24 @@ impl Rule for EnclosedRooms {
             return without_terrain(subject, required);
         };
         let spaces = around.spaces();
-        let rooms = around.rooms(self.min_floor_cells);
+        let mut rooms = around.rooms_within(self.min_floor_cells, self.max_step);
+        if let Some(most) = self.max_door_share {
+            rooms.retain(|room| around.door_share(*room) <= most);
+        }
         let closed = spaces.pieces.len() - 1 - rooms.len();
         // Closed spaces that nobody can enter count against a greatest number: doors alone would open them.
-        let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= self.min_floor_cells).count();
+        let counted_from = self.counted_from.unwrap_or(self.min_floor_cells);
+        let of_size = spaces.pieces[1..].iter().filter(|piece| piece.floor_cells >= counted_from).count();
         let is_not_too_many = self.max_rooms.is_none_or(|most| of_size <= most as usize);
         let holds = rooms.len() >= self.min_rooms as usize && is_not_too_many;
         let summary = subject.tell(|| {
+            let way = match self.max_step {
+                None => "",
+                Some(0) => ", reached from the ground without a step",
+                Some(_) => ", reached from the ground",
+            };
             format!(
-                "{} with a roof, a door and head room; {}{}",
+                "{} with a roof, a door and head room{way}; {}{}",
                 counted(rooms.len(), "room"),
                 counted(closed, "other enclosed space"),
                 self.wanted().unwrap_or_default()
@@ -96,7 +124,7 @@ impl Rule for EnclosedRooms {
         // number if there are too many.
         let lacks_rooms = rooms.len() < self.min_rooms as usize;
         let is_room = |piece: usize| rooms.binary_search(&piece).is_ok();
-        let is_of_size = |piece: usize| spaces.pieces[piece].floor_cells >= self.min_floor_cells;
+        let is_of_size = |piece: usize| spaces.pieces[piece].floor_cells >= counted_from;
         let (shown, why) = match (lacks_rooms, is_not_too_many, of_size > rooms.len()) {
             (true, ..) => (Shown::NoRooms, "enclosed, but no room"),
             (false, false, true) => (Shown::ClosedOfSize, "closed space, which nobody can enter"),
@@ -111,7 +139,7 @@ impl Rule for EnclosedRooms {
         let witnesses = witnesses.into_iter().map(|piece| spaces.pieces[piece].first);
         let measured = subject.tell(|| match self.max_rooms {
             None => json!(rooms.len()),
-            Some(_) => json!({ "rooms": rooms.len(), "closed": of_size - rooms.len() }),
+            Some(_) => json!({ "rooms": rooms.len(), "closed": of_size.saturating_sub(rooms.len()) }),
         });
         Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, why)
     }
@@ -125,17 +153,35 @@ impl Rule for DoorsLeadThrough {
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
         let doors = terrain.doors();
-        let blocked: Vec<_> = doors.iter().copied().filter(|door| terrain.joins(*door, spaces).is_none()).collect();
-        let holds = blocked.is_empty() && doors.len() >= self.min_doors as usize;
+        let joined: Vec<_> = doors.iter().map(|door| (*door, terrain.joins(*door, spaces))).collect();
+        let blocked: Vec<_> = joined.iter().filter(|(_, ends)| ends.is_none()).map(|(door, _)| *door).collect();
+        let parts = |ends: &Option<[usize; 2]>| ends.is_some_and(|[one, other]| one != other);
+        let parting = joined.iter().filter(|(_, ends)| parts(ends)).count();
+        let holds =
+            blocked.is_empty() && doors.len() >= self.min_doors as usize && parting >= self.min_parting as usize;
         let summary = subject.tell(|| {
             let required = counted(self.min_doors, "door");
             let found = match doors.len() {
                 0 => "no door".to_owned(),
                 all => of_all(blocked.len(), all, "door", "is blocked", "are blocked"),
             };
-            format!("{found}; required at least {required}")
+            if self.min_parting == 0 {
+                return format!("{found}; required at least {required}");
+            }
+            let parts = format!("{} a space from another", agreeing(parting, "door parts", "doors part"));
+            format!("{found}, and {parts}; required at least {required}, {} of them parting", self.min_parting)
         });
-        let measured = subject.tell(|| json!({ "doors": doors.len(), "blocked": blocked.len() }));
-        Finding::binary(holds, measured, required, summary).with_witnesses(blocked, "blocked")
+        let measured = subject.tell(|| {
+            let mut measured = json!({ "doors": doors.len(), "blocked": blocked.len() });
+            if self.min_parting > 0 {
+                measured["parting"] = json!(parting);
+            }
+            measured
+        });
+        let idle = joined.iter().filter(|(_, ends)| ends.is_some() && !parts(ends)).map(|(door, _)| *door);
+        let idle: Vec<_> = idle.filter(|_| parting < self.min_parting as usize).collect();
+        Finding::binary(holds, measured, required, summary)
+            .with_witnesses(blocked, "blocked")
+            .with_witnesses(idle, "parts nothing")
     }
 }

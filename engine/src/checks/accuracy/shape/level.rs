@@ -1,14 +1,16 @@
 //! Strict rule for what stands at one level: how many blocks, in how many parts, and how far they reach
 //! (`docs/rules.md#strict-rules`).
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::{counted, range_of_counts};
+use crate::voxel::Cell;
 use crate::voxel::blocks::BlockSet;
-use crate::voxel::planar::{Clusters, PlaneCell, Touch, sorted_distinct};
-use crate::voxel::{Cell, Structure};
+use crate::voxel::planar::{Clusters, PlaneCell, Touch, extents, sorted_distinct};
 
 /// Check of the blocks of one level: their number, the number of separate parts, and the extent of the widest part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,6 +36,12 @@ pub struct LevelHas {
     /// Sizes along x and z, in either order, that one part reaches; null asks for none.
     #[serde(default)]
     pub min_size: Option<[u32; 2]>,
+    /// Sizes along x and z, in either order, of a rectangle that blocks fill; null asks for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub full_size: Option<[u32; 2]>,
+    /// Whether what nothing can be built of, such as water, torches and doors, is left out.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub solid: bool,
 }
 
 impl LevelHas {
@@ -42,35 +50,59 @@ impl LevelHas {
         let blocks = range_of_counts(self.min_blocks, self.max_blocks).map(|range| format!("blocks: {range}"));
         let parts = range_of_counts(self.min_parts, self.max_parts).map(|range| format!("parts: {range}"));
         let size = self.min_size.map(|[a, b]| format!("a part of at least {a} by {b}"));
-        let all: Vec<String> = [blocks, parts, size].into_iter().flatten().collect();
+        let full = self.full_size.map(|[a, b]| format!("a full rectangle of {a} by {b}"));
+        let all: Vec<String> = [blocks, parts, size, full].into_iter().flatten().collect();
         (!all.is_empty()).then(|| all.join(", "))
     }
 
-    fn cells(&self, structure: &Structure) -> Vec<PlaneCell> {
+    fn cells(&self, subject: &Subject<'_>) -> Vec<PlaneCell> {
+        let structure = subject.standing(self.solid);
         let own = structure.palette().mask(|name| self.of.is_none_or(|of| of.has(name)));
         let at = structure.entries().filter(|(cell, id)| cell.y == self.y && own[*id as usize]);
         sorted_distinct(at.map(|(cell, _)| (cell.x, cell.z)).collect())
     }
 }
 
-/// Returns the extents along x and z of each cluster.
-fn extents(cells: &[PlaneCell], clusters: &Clusters) -> Vec<[u32; 2]> {
-    let mut bounds: Vec<Option<[i32; 4]>> = vec![None; clusters.count];
-    for (&(x, z), label) in cells.iter().zip(&clusters.label) {
-        let [x0, x1, z0, z1] = bounds[*label as usize].unwrap_or([x, x, z, z]);
-        bounds[*label as usize] = Some([x0.min(x), x1.max(x), z0.min(z), z1.max(z)]);
+/// Returns whether `cells`, by x and then z, fill a rectangle of `a` cells along x by `b` along z.
+fn has_rectangle(cells: &[PlaneCell], a: u32, b: u32) -> bool {
+    let (a, b) = (a.max(1), b.max(1));
+    if u64::from(a) * u64::from(b) > cells.len() as u64 {
+        return false;
     }
-    bounds.into_iter().flatten().map(|[x0, x1, z0, z1]| [x0.abs_diff(x1) + 1, z0.abs_diff(z1) + 1]).collect()
+    // For each cell with enough others behind it along z, how many such cells precede it along x, itself included.
+    let mut before: BTreeMap<i32, (i32, u32)> = BTreeMap::new();
+    let mut run = 0;
+    let places = (0..cells.len()).rev().map(|i| {
+        let (x, z) = cells[i];
+        let goes_on = cells.get(i + 1).is_some_and(|next| x == next.0 && z.checked_add(1) == Some(next.1));
+        run = if goes_on { run + 1 } else { 1 };
+        (x, z, run)
+    });
+    for (x, z, _) in places.filter(|(.., run)| *run >= b) {
+        let count =
+            before.get(&z).filter(|(last, _)| x.checked_add(1) == Some(*last)).map_or(1, |(_, count)| count + 1);
+        if count >= a {
+            return true;
+        }
+        before.insert(z, (x, count));
+    }
+    false
 }
 
 impl Rule for LevelHas {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(|| json!({ "y": self.y, "blocks": { ">=": self.min_blocks, "<=": self.max_blocks },
-                               "parts": { ">=": self.min_parts, "<=": self.max_parts }, "size": { ">=": self.min_size } }));
+        let required = subject.tell(|| {
+            let mut required = json!({ "y": self.y, "blocks": { ">=": self.min_blocks, "<=": self.max_blocks },
+                               "parts": { ">=": self.min_parts, "<=": self.max_parts }, "size": { ">=": self.min_size } });
+            if let Some(full) = self.full_size {
+                required["full"] = json!({ ">=": full });
+            }
+            required
+        });
         if subject.structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }
-        let cells = self.cells(subject.structure);
+        let cells = self.cells(subject);
         let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
         let extents = extents(&cells, &clusters);
         let reaches = |[a, b]: [u32; 2]| extents.iter().any(|[x, z]| (*x >= a && *z >= b) || (*x >= b && *z >= a));
@@ -78,8 +110,10 @@ impl Rule for LevelHas {
             count >= least as usize && most.is_none_or(|most| count <= most as usize)
         };
         let has_parts = is_within(clusters.count, self.min_parts, self.max_parts);
-        let holds =
-            has_parts && is_within(cells.len(), self.min_blocks, self.max_blocks) && self.min_size.is_none_or(reaches);
+        let holds = has_parts
+            && is_within(cells.len(), self.min_blocks, self.max_blocks)
+            && self.min_size.is_none_or(reaches)
+            && self.full_size.is_none_or(|[a, b]| has_rectangle(&cells, a, b) || has_rectangle(&cells, b, a));
         let widest = || extents.iter().max_by_key(|[x, z]| u64::from(*x) * u64::from(*z)).copied().unwrap_or_default();
         let summary = subject.tell(|| {
             let what = self.of.map_or_else(String::new, |of| format!(" of {of}"));
@@ -104,11 +138,40 @@ impl Rule for LevelHas {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::voxel::Structure;
 
     fn holds(check: &serde_json::Value, cells: &[[i32; 3]]) -> bool {
         let structure = Structure::from_named(cells.iter().map(|[x, y, z]| (Cell::new(*x, *y, *z), "stone")));
         let rule: LevelHas = serde_json::from_value(check.clone()).unwrap();
         rule.evaluate(&Subject::unhurried(&structure)).holds()
+    }
+
+    #[test]
+    fn what_one_walks_through_is_left_out() {
+        let blocks = [("stone", 0), ("water", 2), ("torch", 4)].map(|(name, x)| (Cell::new(x, 0, 0), name));
+        let has = |solid, parts| {
+            let rule = json!({ "y": 0, "min_parts": parts, "max_parts": parts, "solid": solid });
+            let rule: LevelHas = serde_json::from_value(rule).unwrap();
+            rule.evaluate(&Subject::unhurried(&Structure::from_named(blocks))).holds()
+        };
+        assert!(has(true, 1) && has(false, 3) && !has(true, 3));
+    }
+
+    #[test]
+    fn a_full_rectangle_has_no_hole() {
+        let plan = |is_left_out: fn(i32, i32) -> bool| {
+            (-1..5)
+                .flat_map(|x| (-2..2).map(move |z| [x, 1, z]))
+                .filter(|[x, _, z]| !is_left_out(*x, *z))
+                .collect::<Vec<_>>()
+        };
+        let has = |cells: &[[i32; 3]], size: [u32; 2]| holds(&json!({ "y": 1, "full_size": size }), cells);
+        let whole = plan(|_, _| false);
+        assert!(has(&whole, [6, 4]) && has(&whole, [4, 6]) && !has(&whole, [5, 5]) && !has(&whole, [7, 1]));
+        let holed = plan(|x, z| (x, z) == (1, 0));
+        assert!(!has(&holed, [6, 4]) && has(&holed, [4, 3]) && has(&holed, [2, 6]) && !has(&holed, [3, 6]));
+        let strips = plan(|x, z| x > -1 && z > -2);
+        assert!(has(&strips, [6, 1]) && has(&strips, [1, 4]) && !has(&strips, [2, 2]), "an L of two strips");
     }
 
     #[test]

@@ -4,6 +4,7 @@
 pub mod arch;
 pub mod ceilings;
 pub mod clusters;
+pub mod columns;
 pub mod doors;
 pub mod enclosed;
 pub mod exits;

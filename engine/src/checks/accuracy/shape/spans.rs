@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 use super::arch::{ClearSpan, Column, columns_over, cuts};
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
-use crate::voxel::Cell;
 use crate::voxel::planar::{Clusters, Touch, level};
+use crate::voxel::{Cell, CellSet, Structure};
 
 /// Check that every level from 0 up to a height has two supports with enough free cells between them, and that above, a
 /// deck without gaps or steps of more than one block crosses these cells.
@@ -21,6 +21,13 @@ pub struct HasClearSpan {
     /// Least width of the deck: the number of neighbouring rows that cross.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub min_width: u32,
+    /// Whether deck and supports must be one piece: from the deck, blocks that share faces lead at y >= 0 to both supports
+    /// on the ground.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub one_piece: bool,
+    /// Whether what nothing can be built of, such as water, torches and doors, is left out.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub solid: bool,
 }
 
 const fn one() -> u32 {
@@ -57,9 +64,27 @@ fn break_of(columns: &[Column], span: ClearSpan) -> Option<(Cell, &'static str)>
     breaks.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, found)| found)
 }
 
+/// Returns the first cell of a support on the ground to which no blocks that share faces lead, at y >= 0, from the deck.
+fn loose_support(structure: &Structure, deck: Cell) -> Option<Cell> {
+    let mut open = vec![deck];
+    let mut seen: CellSet = open.iter().copied().collect();
+    while let Some(cell) = open.pop() {
+        let next = cell.face_neighbours().into_iter().filter(|next| next.y >= 0 && structure.contains(*next));
+        open.extend(next.filter(|next| seen.insert(*next)));
+    }
+    let cells = level(structure, 0);
+    let clusters = Clusters::of(&cells, Touch::SidesAndCorners);
+    let mut is_joined = vec![false; clusters.count];
+    for ((x, z), label) in cells.iter().zip(&clusters.label) {
+        is_joined[*label as usize] |= seen.contains(&Cell::new(*x, 0, *z));
+    }
+    let (x, z) = clusters.representatives(&cells).into_iter().zip(is_joined).find(|(_, joined)| !joined)?.0;
+    Some(Cell::new(x, 0, z))
+}
+
 impl Rule for HasClearSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let structure = subject.structure;
+        let structure = subject.standing(self.solid);
         let required = subject.tell(
             || json!({ "supports": 2, "free": { ">=": self.min_free }, "clear_levels": self.height, "deck": true }),
         );
@@ -101,10 +126,21 @@ impl Rule for HasClearSpan {
         let widest = subject.tell(|| widths.clone().map(<[_]>::len).max().unwrap_or(0));
         let crossing = widths.find(|rows| rows.len() >= self.min_width as usize).and_then(<[_]>::first);
         let broken = subject.tell(|| break_of(&columns, span).filter(|_| decks.is_empty()));
-        let measured = subject.tell(|| json!({ "supports": 2, "free": span.length(), "deck": crossing.is_some() }));
+        let begin = crossing.map(|cut| span.axis.cell(span.first, cut.across, cut.upper[0]));
+        let loose = begin.filter(|_| self.one_piece).and_then(|deck| loose_support(structure, deck));
+        let measured = subject.tell(|| {
+            let mut measured = json!({ "supports": 2, "free": span.length(), "deck": crossing.is_some() });
+            if self.one_piece {
+                measured["one_piece"] = json!(crossing.is_some() && loose.is_none());
+            }
+            measured
+        });
         let summary = subject.tell(|| {
             let (cells, axis) = (counted(span.length(), "free cell"), span.axis.name());
             match (crossing, broken) {
+                _ if loose.is_some() => {
+                    format!("the deck over the {cells} along {axis} is no one piece with a support")
+                }
                 (Some(_), _) => format!("a deck crosses the {cells} along {axis}"),
                 (None, Some((place, why))) => {
                     format!("no deck crosses the {cells} along {axis}: {why} at {:?}", <[i32; 3]>::from(place))
@@ -117,8 +153,9 @@ impl Rule for HasClearSpan {
                 (None, None) => format!("nothing lies over the {cells} along {axis}"),
             }
         });
-        Finding::binary(crossing.is_some(), measured, required, summary)
-            .with_witnesses(crossing.map(|cut| span.axis.cell(span.first, cut.across, cut.upper[0])), "deck")
+        Finding::binary(crossing.is_some() && loose.is_none(), measured, required, summary)
+            .with_witnesses(loose, "support apart from the deck")
+            .with_witnesses(begin, "deck")
             .with_witnesses(broken.map(|(place, _)| place), broken.map_or("", |(_, why)| why))
     }
 }
@@ -126,13 +163,30 @@ impl Rule for HasClearSpan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::voxel::Structure;
 
     fn finding(min_width: u32, deck: &[[i32; 3]]) -> Finding {
         let piers = (0..2).flat_map(|y| [[0, y, 0], [4, y, 0]]);
         let all = piers.chain(deck.iter().copied());
         let bridge = Structure::from_named(all.map(|[x, y, z]| (Cell::new(x, y, z), "stone")));
-        HasClearSpan { height: 2, min_free: 3, min_width }.evaluate(&Subject::unhurried(&bridge))
+        HasClearSpan { height: 2, min_free: 3, min_width, one_piece: false, solid: false }
+            .evaluate(&Subject::unhurried(&bridge))
+    }
+
+    #[test]
+    fn a_stub_under_the_end_of_a_deck_is_no_support() {
+        let build = |second: std::ops::Range<i32>| {
+            let deck = (1..=4).map(|x| [x, 6, 0]);
+            let all = (0..=6).map(|y| [0, y, 0]).chain(deck).chain(second.map(|y| [4, y, 0]));
+            Structure::from_named(all.map(|[x, y, z]| (Cell::new(x, y, z), "stone")))
+        };
+        let found = |one_piece, second| {
+            let rule = HasClearSpan { height: 2, min_free: 3, min_width: 1, one_piece, solid: true };
+            rule.evaluate(&Subject::unhurried(&build(second)))
+        };
+        assert!(found(true, 0..6).holds() && found(false, 0..2).holds());
+        let stub = found(true, 0..2);
+        assert_eq!(stub.summary, "the deck over the 3 free cells along x is no one piece with a support");
+        assert_eq!(<[i32; 3]>::from(stub.witnesses[0].cell), [4, 0, 0]);
     }
 
     #[test]

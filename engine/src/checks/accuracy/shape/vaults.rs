@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::arch::break_of;
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
+use crate::voxel::rooms::FloorPlan;
 use crate::voxel::{Cell, Structure};
 
 /// Check that every row of the plan is covered, that there is head room below the cover in the middle, and that along
@@ -22,6 +24,21 @@ pub struct IsVault {
     /// Whether of two neighbouring columns the higher one must reach down to just above the lower one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub no_gaps: bool,
+    /// Least share of the columns at the edge of the plan that blocks fill from y = 0 to their tops, from 0 to 1.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_footing: f64,
+    /// Least share of the columns away from the edge of the plan that have a free cell below their cover, from 0 to 1.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_hollow: f64,
+    /// Whether to judge the build as a shell. Its upper surface bulges up along both axes: no height lies a whole block or
+    /// more below a chord. Cells are free from the cover down to the next block, which may be a floor. The plan may be open
+    /// at its edge, for an entrance: only columns that it encloses, sides and corners closed, are uncovered, and at an end of
+    /// an axis that is open the line goes on to y = -1.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub shell: bool,
+    /// Whether what nothing can be built of, such as water, torches and doors, is left out.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub solid: bool,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
@@ -50,6 +67,43 @@ fn uncovered(tops: &BTreeMap<(i32, i32), i32>) -> Option<Cell> {
     })
 }
 
+/// Returns whether a column of a plan has an empty one on one of its four sides.
+fn is_at_edge(tops: &BTreeMap<(i32, i32), i32>, (x, z): (i32, i32)) -> bool {
+    [(x - 1, z), (x + 1, z), (x, z - 1), (x, z + 1)].iter().any(|side| !tops.contains_key(side))
+}
+
+/// Returns for each column of a build the number of free cells below its cover, down to the next block or to the ground.
+fn free_below_covers(structure: &Structure) -> BTreeMap<(i32, i32), i32> {
+    let mut cells: Vec<Cell> = structure.cells().iter().copied().filter(|cell| cell.y >= 0).collect();
+    cells.sort_unstable_by_key(|cell| (cell.x, cell.z, std::cmp::Reverse(cell.y)));
+    let columns = cells.chunk_by(|a, b| (a.x, a.z) == (b.x, b.z));
+    let free = |column: &[Cell]| {
+        let gap = column.windows(2).map(|two| two[0].y - two[1].y - 1).find(|free| *free > 0);
+        gap.unwrap_or(column[column.len() - 1].y)
+    };
+    columns.map(|column| ((column[0].x, column[0].z), free(column))).collect()
+}
+
+/// Returns the columns at the edge of a plan that blocks do not fill from the ground to their tops, and the share of the
+/// others.
+fn footing(structure: &Structure, tops: &BTreeMap<(i32, i32), i32>) -> (f64, Vec<Cell>) {
+    let (mut all, mut hanging) = (0.0, Vec::new());
+    for ((x, z), top) in tops.iter().filter(|(at, _)| is_at_edge(tops, **at)) {
+        all += 1.0;
+        hanging.extend((0..*top).map(|y| Cell::new(*x, y, *z)).find(|cell| !structure.contains(*cell)));
+    }
+    let share = if all > 0.0 { (all - hanging.len() as f64) / all } else { 0.0 };
+    (share, hanging)
+}
+
+/// Returns the first empty column that the plan encloses, at the height of the column before it.
+fn hole_of(tops: &BTreeMap<(i32, i32), i32>) -> Option<Cell> {
+    let plan = FloorPlan::of(tops.keys().copied().collect());
+    let (x, z) = plan.rooms().first()?.first;
+    let top = tops.range(..(x, z)).next_back().map_or(0, |(_, top)| *top);
+    Some(Cell::new(x, top, z))
+}
+
 /// Returns the share of the rectangle around a plan that the plan covers.
 fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
     let span = |along: fn(&(i32, i32)) -> i32| {
@@ -58,6 +112,13 @@ fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
     };
     let area = f64::from(span(|at| at.0)) * f64::from(span(|at| at.1));
     if area > 0.0 { tops.len() as f64 / area } else { 0.0 }
+}
+
+/// Returns the share of the columns away from the edge of a plan that have a free cell below their cover.
+fn hollow_share(free: &BTreeMap<(i32, i32), i32>, tops: &BTreeMap<(i32, i32), i32>) -> f64 {
+    let inner: Vec<i32> = free.iter().filter(|(at, _)| !is_at_edge(tops, **at)).map(|(_, free)| *free).collect();
+    let hollow = inner.iter().filter(|free| **free > 0).count();
+    if inner.is_empty() { 0.0 } else { hollow as f64 / inner.len() as f64 }
 }
 
 impl IsVault {
@@ -69,6 +130,15 @@ impl IsVault {
         if self.no_gaps {
             required["gaps"] = json!(false);
         }
+        if self.min_footing > 0.0 {
+            required["footing"] = json!({ ">=": self.min_footing });
+        }
+        if self.min_hollow > 0.0 {
+            required["hollow"] = json!({ ">=": self.min_hollow });
+        }
+        if self.shell {
+            required["shell"] = json!(true);
+        }
         required
     }
 }
@@ -76,7 +146,7 @@ impl IsVault {
 impl Rule for IsVault {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let required = subject.tell(|| self.required());
-        let structure = subject.structure;
+        let structure = subject.standing(self.solid);
         let Some(bounds) = structure.bounds() else { return Finding::nothing_stands(false, required) };
         let (x, z) = (i32::midpoint(bounds.min.x, bounds.max.x), i32::midpoint(bounds.min.z, bounds.max.z));
         let mut tops: BTreeMap<(i32, i32), i32> = BTreeMap::new();
@@ -88,28 +158,56 @@ impl Rule for IsVault {
                 cover = Some(cover.map_or(cell.y, |low| low.min(cell.y)));
             }
         }
-        let clear = cover.unwrap_or(0);
+        let free = if self.shell || self.min_hollow > 0.0 { free_below_covers(structure) } else { BTreeMap::new() };
+        let below_cover = free.get(&(x, z)).copied().filter(|_| self.shell);
+        let clear = below_cover.or(cover).unwrap_or(0);
         let has_room = i64::from(clear) >= i64::from(self.min_clear);
         let line = |along_x: bool| -> Vec<i32> {
             let on_line = |at: &(i32, i32)| if along_x { at.1 == z } else { at.0 == x };
-            tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect()
+            let heights: Vec<i32> = tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect();
+            if !self.shell {
+                return heights;
+            }
+            let along = |at: &(i32, i32)| if along_x { at.0 } else { at.1 };
+            let own = || tops.keys().filter(|at| on_line(at)).map(along);
+            let opens = |end: Option<i32>, of_plan: Option<i32>| (end != of_plan).then_some(-1);
+            let before = opens(own().min(), tops.keys().map(along).min());
+            let after = opens(own().max(), tops.keys().map(along).max());
+            before.into_iter().chain(heights).chain(after).collect()
         };
         let lines = [line(true), line(false)];
         // Every row of the plan is covered from one end to the other.
-        let hole = uncovered(&tops);
+        let hole = if self.shell { hole_of(&tops) } else { uncovered(&tops) };
         let is_closed = hole.is_none();
         let plan_share = covered_share(&tops);
         let gap = if self.no_gaps { gap_of(structure, &tops) } else { None };
         let falls = lines.iter().all(|line| falls_to_both_ends(line));
-        let holds = is_closed && plan_share >= self.min_cover && gap.is_none() && has_room && falls;
+        let (footing, hanging) = if self.min_footing > 0.0 { footing(structure, &tops) } else { (1.0, Vec::new()) };
+        let stands = footing >= self.min_footing;
+        let hollow = if self.min_hollow > 0.0 { hollow_share(&free, &tops) } else { 1.0 };
+        let is_hollow = hollow >= self.min_hollow;
+        let bulges = !self.shell || lines.iter().all(|line| break_of(line).is_none());
+        let is_whole = is_closed && plan_share >= self.min_cover && gap.is_none();
+        let holds = is_whole && has_room && falls && stands && is_hollow && bulges;
         let measured = subject.tell(|| {
-            json!({ "clear": clear, "closed": is_closed, "cover": plan_share, "gaps": self.no_gaps.then_some(gap.is_some()),
-                    "falls_to_all_sides": falls, "along_x": lines[0], "along_z": lines[1] })
+            let mut measured = json!({ "clear": clear, "closed": is_closed, "cover": plan_share,
+                    "gaps": self.no_gaps.then_some(gap.is_some()),
+                    "falls_to_all_sides": falls, "along_x": lines[0], "along_z": lines[1] });
+            if self.min_footing > 0.0 {
+                measured["footing"] = json!(footing);
+            }
+            if self.min_hollow > 0.0 {
+                measured["hollow"] = json!(hollow);
+            }
+            measured
         });
         let failed: Vec<&str> = [
             (is_closed, "some row of the plan is not covered from end to end"),
             (plan_share >= self.min_cover, "the plan covers too little of the rectangle around it"),
             (gap.is_none(), "a column does not reach down to its lower neighbour"),
+            (stands, "too little of its edge reaches down to the ground"),
+            (is_hollow, "too little of it is hollow"),
+            (bulges, "the upper surface does not bulge up"),
             (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),
         ]
@@ -132,6 +230,7 @@ impl Rule for IsVault {
             .with_witnesses(cover.map(|y| Cell::new(x, y, z)), "cover over the middle")
             .with_witnesses(hole, "not covered")
             .with_witnesses(gap, "gap")
+            .with_witnesses(hanging.into_iter().filter(|_| !stands), "does not reach the ground")
     }
 }
 
@@ -158,6 +257,36 @@ mod tests {
     }
 
     #[test]
+    fn an_umbrella_on_a_pole_is_no_vault() {
+        let height = |x: i32, z: i32| 5 - (x - 3).abs().max((z - 3).abs());
+        let at_edge = |cell: &Cell| [0, 6].contains(&cell.x) || [0, 6].contains(&cell.z);
+        let built = |is_left_out: fn(&Cell) -> bool| {
+            let plan = (0..7).flat_map(|x| (0..7).map(move |z| (x, z)));
+            let cells = plan.flat_map(|(x, z)| [height(x, z) - 1, height(x, z)].map(|y| Cell::new(x, y, z)));
+            let foot = (0..7).flat_map(|x| (0..7).map(move |z| Cell::new(x, 0, z))).filter(at_edge);
+            let mut cells: Vec<Cell> = cells.chain(foot).filter(|cell| !is_left_out(cell)).collect();
+            cells.sort_unstable();
+            cells.dedup();
+            let rule = IsVault {
+                min_clear: 2,
+                min_cover: 0.65,
+                no_gaps: true,
+                min_footing: 0.8,
+                min_hollow: 0.5,
+                shell: true,
+                solid: true,
+            };
+            let structure = Structure::from_named(cells.into_iter().map(|cell| (cell, "stone")));
+            let finding = rule.evaluate(&Subject::unhurried(&structure));
+            (finding.holds(), finding.summary)
+        };
+        assert!(built(|_| false).0);
+        assert!(built(|cell| cell.x == 0 && (2..5).contains(&cell.z) && cell.y == 0).0, "a doorway");
+        let (holds, summary) = built(|cell| (cell.x == 0 || cell.z == 0) && cell.y < 1);
+        assert!(!holds && summary.starts_with("too little of its edge reaches down to the ground"), "{summary}");
+    }
+
+    #[test]
     fn a_hole_and_a_gap_say_where() {
         // A pyramid of columns: the cover of each ring lies one higher, and each column reaches down to the next ring.
         let height = |x: i32, z: i32| 5 - (x - 3).abs().max((z - 3).abs());
@@ -167,7 +296,15 @@ mod tests {
             Structure::from_named(cells.filter(|cell| !is_left_out(*cell)).map(|cell| (cell, "stone")))
         };
         let found = |build: &Structure| {
-            let rule = IsVault { min_clear: 2, min_cover: 0.0, no_gaps: true };
+            let rule = IsVault {
+                min_clear: 2,
+                min_cover: 0.0,
+                no_gaps: true,
+                min_footing: 0.0,
+                min_hollow: 0.0,
+                shell: false,
+                solid: false,
+            };
             let finding = rule.evaluate(&Subject::unhurried(build));
             let shown = finding.witnesses.iter().map(|witness| (<[i32; 3]>::from(witness.cell), witness.why.clone()));
             (finding.holds(), shown.skip(1).collect::<Vec<_>>())

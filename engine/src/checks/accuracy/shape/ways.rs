@@ -8,7 +8,8 @@ use super::enclosed::without_terrain;
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
 use crate::voxel::blocks::BlockSet;
-use crate::voxel::{Cell, CellMap, CellSet};
+use crate::voxel::planar::{Clusters, Touch, level, rectangles};
+use crate::voxel::{Cell, CellMap, CellSet, Structure};
 
 /// Check that from an inside cell beside each block of a kind, a path with a floor at every step leads outside.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,6 +26,9 @@ pub struct WalksOut {
     /// Width of the path, in cells: 1 or 2.
     #[serde(default = "one")]
     pub width: u32,
+    /// Whether the cell above each block must be enclosed air.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub indoors: bool,
 }
 
 /// Check that one can walk and climb from the ground around the build to enough enclosed cells of floor at a level.
@@ -36,6 +40,14 @@ pub struct HasUpperFloor {
     /// Least number of enclosed cells in which one can stand on it.
     #[serde(default = "four")]
     pub min_cells: u32,
+    /// Least number of such cells on the ground floor: at y = 0, or one above it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub ground_cells: u32,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(cells: &u32) -> bool {
+    *cells == 0
 }
 
 const fn four() -> u32 {
@@ -48,6 +60,10 @@ const fn four() -> u32 {
 pub struct ClimbsTo {
     /// Least y of the block at the end of the path.
     pub min_y: i32,
+    /// Whether that block must lie within the plan of the floor at `min_y`: the rectangle around the largest part of that
+    /// level.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub onto_floor: bool,
 }
 
 const fn one() -> u32 {
@@ -83,7 +99,11 @@ impl Rule for WalksOut {
                 .flat_map(|side| square().map(move |(dx, dz)| side.offset(-dx, 0, -dz)))
                 .any(|at| ways_out.contains(&at))
         };
-        let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !gets_out(start)).collect();
+        let is_inside = |start: &Cell| {
+            let mut own = halves.get(start).into_iter().flatten();
+            !self.indoors || own.any(|half| terrain.is_enclosed(half.offset(0, 1, 0), spaces))
+        };
+        let stuck: Vec<Cell> = starts.iter().copied().filter(|start| !is_inside(start) || !gets_out(start)).collect();
         let holds = stuck.is_empty() && starts.len() >= self.min_starts as usize;
         let summary = subject.tell(|| {
             let (all, from) = (starts.len(), self.from);
@@ -95,6 +115,11 @@ impl Rule for WalksOut {
                 0 if all == 0 => format!("{blocks} to start from, and none is required"),
                 0 if all == 1 => format!("a path {width} wide leads outside from {blocks}"),
                 0 => format!("a path {width} wide leads outside from each of {blocks}"),
+                some if self.indoors => {
+                    format!(
+                        "no path {width} wide leads outside from {some} of {blocks}, or no air of a room lies above"
+                    )
+                }
                 some => format!("no path {width} wide leads outside from {some} of {blocks}"),
             }
         });
@@ -113,18 +138,34 @@ impl Rule for HasUpperFloor {
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
         let mut reached = terrain.reached(terrain.around(1), 1, 1);
-        reached.retain(|feet| feet.y > self.min_y && terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
+        reached.retain(|feet| terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
+        let on_ground = reached.iter().filter(|feet| feet.y <= 1).count();
+        reached.retain(|feet| feet.y > self.min_y);
         let summary = subject.tell(|| {
+            let ground = (self.ground_cells > 0).then(|| format!(", and {on_ground} on the ground floor"));
+            let least = (self.ground_cells > 0).then(|| format!(" and {}", self.ground_cells));
             format!(
-                "{} of floor at y = {} or higher can be reached from outside; required at least {}",
+                "{} of floor at y = {} or higher can be reached from outside{}; required at least {}{}",
                 counted(reached.len(), "enclosed cell"),
                 self.min_y,
-                self.min_cells
+                ground.unwrap_or_default(),
+                self.min_cells,
+                least.unwrap_or_default()
             )
         });
-        Finding::binary(reached.len() >= self.min_cells as usize, reached.len(), required, summary)
+        let holds = reached.len() >= self.min_cells as usize && on_ground >= self.ground_cells as usize;
+        Finding::binary(holds, reached.len(), required, summary)
             .with_witnesses(reached.first().map(|feet| feet.offset(0, -1, 0)), "upper floor")
     }
+}
+
+/// Returns the rectangle around the largest part of a level, as its least and greatest x, and its least and greatest z.
+fn floor_plan(structure: &Structure, y: i32) -> Option<[i32; 4]> {
+    let cells = level(structure, y);
+    let parts = Clusters::of(&cells, Touch::SidesAndCorners);
+    let area = |[x0, x1, z0, z1]: &[i32; 4]| u64::from(x0.abs_diff(*x1) + 1) * u64::from(z0.abs_diff(*z1) + 1);
+    // The first of equally large ones.
+    rectangles(&cells, &parts).into_iter().rev().max_by_key(area)
 }
 
 impl Rule for ClimbsTo {
@@ -133,10 +174,18 @@ impl Rule for ClimbsTo {
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
-        let terrain = &around.terrain;
-        let highest = terrain.highest_climbed();
+        let plan = self.onto_floor.then(|| floor_plan(subject.structure, self.min_y));
+        let is_over = |block: &Cell| {
+            let is_within = |[x0, x1, z0, z1]: [i32; 4]| (x0..=x1).contains(&block.x) && (z0..=z1).contains(&block.z);
+            plan.is_none_or(|plan| plan.is_some_and(is_within))
+        };
+        let highest = around.terrain.highest_climbed(is_over);
         let Some(block) = highest else {
-            let summary = "no block can be climbed from the ground";
+            let summary = if self.onto_floor {
+                subject.tell(|| format!("no climb from the ground ends over the floor at y = {}", self.min_y))
+            } else {
+                "no block can be climbed from the ground".to_owned()
+            };
             return Finding::binary(false, json!(null), required, summary);
         };
         let y = block.y;
@@ -149,7 +198,7 @@ impl Rule for ClimbsTo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::voxel::{Profile, Reading, Structure};
+    use crate::voxel::{Profile, Reading};
 
     /// A closed tower with a door, a floor at y = 3 with a hole at (1, 3, 1), and rungs below the hole.
     fn tower(inside: i32, rungs: std::ops::Range<i32>) -> Structure {
@@ -169,13 +218,31 @@ mod tests {
         Reading::Game.read(Structure::from_named(blocks), Profile::Mindcraft)
     }
 
+    fn reaches_with(structure: &Structure, ground_cells: u32) -> bool {
+        let rule = HasUpperFloor { min_y: 3, min_cells: 9, ground_cells };
+        rule.evaluate(&Subject::unhurried(structure)).holds()
+    }
+
     fn reaches(structure: &Structure) -> bool {
-        HasUpperFloor { min_y: 3, min_cells: 9 }.evaluate(&Subject::unhurried(structure)).holds()
+        reaches_with(structure, 0)
+    }
+
+    #[test]
+    fn stairs_lead_onto_the_floor_or_elsewhere() {
+        let climbs = |stairs_at: i32| {
+            let floor = (0..5).flat_map(|x| (0..5).map(move |z| Cell::new(x, 3, z)));
+            let stairs = (0..4).flat_map(|step| (0..=step).map(move |y| Cell::new(stairs_at, y, 3 - step)));
+            let all = Structure::from_named(floor.chain(stairs).map(|cell| (cell, "stone")));
+            [false, true]
+                .map(|onto_floor| ClimbsTo { min_y: 3, onto_floor }.evaluate(&Subject::unhurried(&all)).holds())
+        };
+        assert_eq!(climbs(5), [true, true], "beside the floor, so one steps onto it");
+        assert_eq!(climbs(9), [true, false], "elsewhere");
     }
 
     #[test]
     fn a_ladder_leads_up_and_its_rungs_are_no_floor() {
-        assert!(reaches(&tower(4, 0..4)));
+        assert!(reaches(&tower(4, 0..4)) && reaches_with(&tower(4, 0..4), 15) && !reaches_with(&tower(4, 0..4), 16));
         assert!(!reaches(&tower(4, 0..0)), "no way up");
         assert!(!reaches(&tower(4, 0..2)), "the ladder ends below the floor");
         assert!(!reaches(&tower(1, 0..7)), "a shaft full of rungs has no floor");
