@@ -8,7 +8,9 @@ use plumbline_engine::hidden::commitment::leaf_hash;
 use plumbline_engine::hidden::merkle;
 use plumbline_engine::hidden::pool::{Generator, Stratum, certify, volume};
 use plumbline_engine::hidden::secret::EpochKey;
+use plumbline_engine::hidden::siblings::Siblings;
 use plumbline_engine::tasks::{Task, embedded, hex};
+use sha2::{Digest as _, Sha256};
 
 /// What is compared of a family and of the public families that it stands for.
 #[derive(Debug, Default, Clone)]
@@ -130,6 +132,15 @@ fn the_first_version_draws_what_it_drew() {
         leaves.extend(specifications.iter().map(|own| leaf_hash(&key, own)));
     }
     assert_eq!(hex(&merkle::root(&leaves)), "c9e9a7ae9225123f986f70ab3e59c3124403786fbef5fa76761e49500cc61d1e");
+}
+
+/// The list of siblings of the third version, as it was when that version was the latest.
+#[test]
+fn the_third_version_lists_what_it_listed() {
+    let lines = Siblings::of(3).unwrap().lines();
+    assert_eq!(lines.lines().count(), 1_728);
+    let digest = hex(&Sha256::digest(lines.as_bytes()));
+    assert_eq!(digest, "13051efedd7166caad918c41f925b0a73249cf067fe040c64cd54568ed5256d7");
 }
 
 /// Every value that a family's rules allow is drawn at least half as often as the rules alone would draw it: what else

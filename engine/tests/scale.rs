@@ -23,14 +23,18 @@ fn checks() -> Vec<Check> {
             "material.count_is_within" => json!({ "of": "#doors", "min": 5 }),
             "material.is_made_of" => json!({ "of": "stone", "part": "roof" }),
             "shape.has_enclosed_rooms" => json!({ "min_rooms": 2, "max_step": 1, "max_door_share": 0.5 }),
-            "shape.walks_out" => json!({ "from": "stone", "width": 2 }),
-            "shape.climbs_to" | "shape.has_upper_floor" => json!({ "min_y": 3 }),
+            "shape.walks_out" => json!({ "from": "stone", "width": 2, "indoors": true }),
+            "shape.climbs_to" => json!({ "min_y": 3, "onto_floor": true }),
+            "shape.has_upper_floor" => json!({ "min_y": 3, "ground_cells": 9 }),
+            "shape.doors_lead_through" => json!({ "min_parting": 1 }),
             "shape.has_clear_span" => json!({ "height": 200, "min_free": 5, "one_piece": true }),
             "shape.is_vault" => {
-                json!({ "min_clear": 2, "min_cover": 0.5, "no_gaps": true, "min_footing": 0.8, "min_hollow": 0.5 })
+                json!({ "min_clear": 2, "min_cover": 0.5, "no_gaps": true, "min_footing": 0.8, "min_hollow": 0.5, "shell": true })
             }
             "shape.has_ceilings" => json!({ "min_levels": 2 }),
-            "shape.has_columns" => json!({ "from_y": 0, "to_y": 3, "of": "#doors", "carry": true, "alone": true }),
+            "shape.has_columns" => {
+                json!({ "from_y": 0, "to_y": 3, "of": "#doors", "carry": true, "alone": true, "solid": true })
+            }
             "shape.level_has" => json!({ "y": 0, "of": "#doors", "min_size": [2, 2], "full_size": [300, 300] }),
             "dependency.layers_follow" => json!({ "layers": ["stone", "#doors"] }),
             "structural_stability.equilibrium_score" => continue,

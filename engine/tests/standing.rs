@@ -236,7 +236,40 @@ fn a_slab_with_a_chimney_is_no_dome() {
     {
         log.place(Cell::new(x, y, z), "stone");
     }
-    is_caught_now(id, &log, "shape.is_vault: too little of it is hollow, and the upper surface does not bulge up");
+    is_caught_now(id, &log, "shape.is_vault: too little of it is hollow");
+}
+
+#[test]
+fn a_pancake_with_two_fins_is_no_dome() {
+    let levels: [&[[i32; 2]]; 4] = [
+        &[[0, 2], [0, 3], [1, 1], [1, 4], [2, 0], [2, 4], [3, 0], [3, 3], [4, 1], [4, 2], [4, 3]],
+        &[[1, 1], [1, 2], [1, 3], [2, 1], [2, 3], [3, 1], [3, 2]],
+        &[[1, 2], [2, 1], [2, 2], [2, 3], [3, 2]],
+        &[[2, 2]],
+    ];
+    let mut log = BlockLog::default();
+    for (y, cells) in (0..).zip(levels) {
+        for [x, z] in cells {
+            log.place(Cell::new(*x, y, *z), "stone");
+        }
+    }
+    let told = verdict(4, "domes/d5-h3-build", &log).unwrap_or_default();
+    assert!(told.starts_with("shape.is_vault"), "{told}");
+}
+
+#[test]
+fn a_support_of_one_block_is_caught() {
+    let id = "stressed-arches/2-wide-2-leg-build";
+    let mut log = good(id);
+    let first = log.turns[0].iter().map(Event::cell).map(|cell| cell.x).min().unwrap();
+    log.turns[0].retain(|event| event.cell().y > 0 || event.cell().x > first + 1);
+    let last = log.turns[0].iter().map(Event::cell).map(|cell| cell.x).max().unwrap();
+    log.place(Cell::new(first + 1, 0, 0), "stone");
+    for (x, z) in [(last + 1, 0), (last + 1, 1), (last + 2, 0)] {
+        log.place(Cell::new(x, 0, z), "stone");
+    }
+    let told = verdict(4, id, &log).unwrap_or_default();
+    assert!(told.starts_with("shape.level_has") && told.contains("each part: at least 4"), "{told}");
 }
 
 #[test]

@@ -31,10 +31,15 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     for unknown in ["1", "9"] {
         let missing = service.get(&format!("/v1/siblings?generator_version={unknown}")).await;
         assert_eq!(missing.status, 404, "{}", missing.text);
-        assert!(missing.text.contains("version 3 does"), "{}", missing.text);
+        assert!(missing.text.contains("versions 3 to 4 do"), "{}", missing.text);
     }
     let known = service.http.get(format!("{}/v1/siblings", service.url)).header("if-none-match", &list.headers["etag"]);
     assert_eq!(service.send(known).await.status, 304);
+    // Each version has its list, whichever was asked for first.
+    let earlier = service.get("/v1/siblings?generator_version=3").await;
+    assert!(earlier.text != list.text && earlier.headers["etag"] != list.headers["etag"]);
+    let again = service.get("/v1/siblings").await;
+    assert!(again.text == list.text && again.headers["etag"] == list.headers["etag"]);
     // The root is that of a Merkle tree over the lines.
     let mut tree = Tree::default();
     list.text.lines().for_each(|line| tree.push(leaf(line.as_bytes())));

@@ -45,7 +45,7 @@ pub struct Subject<'a> {
     wants_evidence: bool,
     /// What walking rules look at, computed when the first of them asks.
     surroundings: OnceCell<Option<Surroundings>>,
-    /// The blocks that stop a walker, picked out when the first rule asks for them.
+    /// The blocks of which something can be built, picked out when the first rule asks for them.
     solid: OnceCell<Structure>,
 }
 

@@ -118,6 +118,7 @@ const fn per_block_ns(check: &Check) -> PerBlock {
         Check::HasExit(rule) => 300 + 200 * rule.work(),
         Check::HasWideExit(rule) => 300 + 200 * rule.work(),
         Check::HasRooms(_) | Check::SingleLevel(_) => 10_000,
+        Check::Vault(rule) if rule.shell => 10_000,
         Check::ClustersAtYHaveMinSpan(_) | Check::ReachableByStairs(_) => 1_000,
         Check::TopSurfaceConcave(_) | Check::BottomSurfaceConcave(_) | Check::Vault(_) => 500,
         _ => 200,

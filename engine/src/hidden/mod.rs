@@ -32,8 +32,8 @@ pub mod tlog;
 pub mod verify;
 
 /// Latest version of the generator: its families, ranges, strata and draw procedure. Version 3 has the families of
-/// version 2, and draws no build that is on the public list of siblings. Version 4 does so with the families of version 3 of
-/// the hidden suite. Add a version with any change that makes the
+/// version 2, and draws no build that is on the public list of siblings. Version 4 draws from version 3
+/// of the hidden suite, and has a list of siblings of its own. Add a version with any change that makes the
 /// same key draw different specifications; earlier versions stay, because their epochs are verified with them.
 pub const GENERATOR_VERSION: u32 = 4;
 

@@ -20,14 +20,21 @@ pub struct Surroundings {
     /// For each region of the air, whether one can walk to a floor in it from the ground around the build, by steps of at
     /// most 0 and of at most 1 block.
     walked_to: [OnceCell<Vec<bool>>; 2],
+    /// Where a walker gets to from the ground around the build, by steps of at most 0 and of at most 1 block.
+    walked: [OnceCell<Vec<Cell>>; 2],
 }
 
 impl Surroundings {
     /// Creates the surroundings of a build. Returns `None` if it is empty or too large for a terrain.
     #[must_use]
     pub fn of(structure: &Structure) -> Option<Self> {
-        let (terrain, walked_to) = (Terrain::of(structure)?, [const { OnceCell::new() }; 2]);
-        Some(Self { terrain, spaces: OnceCell::new(), entered: OnceCell::new(), walked_to })
+        Some(Self {
+            terrain: Terrain::of(structure)?,
+            spaces: OnceCell::new(),
+            entered: OnceCell::new(),
+            walked_to: [const { OnceCell::new() }; 2],
+            walked: [const { OnceCell::new() }; 2],
+        })
     }
 
     /// Returns the air, divided into regions; computed when it is first asked for.
@@ -52,7 +59,7 @@ impl Surroundings {
         let mut rooms = self.rooms(min_floor_cells);
         if let Some(step) = max_step {
             let step = step.min(1);
-            let walked_to = self.walked_to[step as usize].get_or_init(|| self.walked_to(step as i32));
+            let walked_to = self.walked_to[step as usize].get_or_init(|| self.walked_to(step));
             rooms.retain(|room| walked_to[*room]);
         }
         rooms
@@ -68,13 +75,22 @@ impl Surroundings {
         if sides.is_empty() { 0.0 } else { doors as f64 / sides.len() as f64 }
     }
 
+    /// Returns where a walker gets to from the ground around the build by steps of at most `max_step`, in an order that
+    /// depends on the build alone; computed when it is first asked for. Steps above 1 count as 1.
+    pub fn walked(&self, max_step: u32) -> &[Cell] {
+        let step = max_step.min(1);
+        self.walked[step as usize].get_or_init(|| self.terrain.reached(self.terrain.around(1), step as i32, 1))
+    }
+
     /// Returns for each region of the air whether one can walk to a floor in it, from the ground around the build.
-    fn walked_to(&self, step: i32) -> Vec<bool> {
+    fn walked_to(&self, step: u32) -> Vec<bool> {
         let spaces = self.spaces();
         let mut walked_to = vec![false; spaces.pieces.len()];
-        for feet in self.terrain.reached(self.terrain.around(1), step, 1) {
-            if let Some(piece) = self.terrain.piece_of(feet, spaces).filter(|_| self.terrain.is_floor(feet)) {
-                walked_to[piece] = true;
+        for feet in self.walked(step) {
+            if let Some(piece) = self.terrain.piece_of(*feet, spaces)
+                && !walked_to[piece]
+            {
+                walked_to[piece] = self.terrain.is_floor(*feet);
             }
         }
         walked_to

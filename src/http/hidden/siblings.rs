@@ -38,10 +38,11 @@ pub struct SiblingsQuery {
     )
 )]
 pub async fn list_siblings(Params(query): Params<SiblingsQuery>, headers: HeaderMap) -> AppResult<Response> {
-    static LINES: OnceCell<Bytes> = OnceCell::const_new();
-    let list = siblings(query.generator_version.unwrap_or(GENERATOR_VERSION)).await?;
-    // All versions of the generator that draw siblings have the same list.
-    let lines = LINES
+    static LINES: [OnceCell<Bytes>; GENERATOR_VERSION as usize] = [const { OnceCell::const_new() }; _];
+    let version = query.generator_version.unwrap_or(GENERATOR_VERSION);
+    // Fails if there is no such version.
+    let list = siblings(version).await?;
+    let lines = LINES[version as usize - 1]
         .get_or_try_init(|| async { tokio::task::spawn_blocking(|| Bytes::from(list.lines())).await })
         .await
         .map_err(|error| AppError::internal(&error))?;

@@ -118,7 +118,10 @@ fn of_shapes(name: &str, args: Args<'_>) -> Option<String> {
         "shape.are_doors_passable" => "Nothing blocks a door".to_owned(),
         "shape.doors_lead_through" => {
             let parting = args.number("min_parting").filter(|doors| *doors > 0.0);
-            let parting = parting.map(|doors| format!(", {} of which part a room from elsewhere", plain(doors)));
+            let parting = parting.map(|doors| {
+                let part = if doors > 1.0 { "part" } else { "parts" };
+                format!(", {} of which {part} a room from elsewhere", plain(doors))
+            });
             let doors = counted(args.count("min_doors"), "door");
             format!("At least {doors}, each free on both sides{}", parting.unwrap_or_default())
         }
@@ -205,6 +208,9 @@ fn of_levels(name: &str, args: Args<'_>) -> Option<String> {
                 let sides: Vec<String> = size.iter().filter_map(Value::as_f64).map(plain).collect();
                 format!("one part of at least {}", sides.join(" × "))
             });
+            let each = args.number("min_part_blocks").filter(|least| *least > 0.0);
+            let each = each.map(|least| format!("each part of at least {}", counted(least as i64, "block")));
+            let parts = parts.into_iter().chain(each).reduce(|parts, each| format!("{parts}, {each}"));
             let full = args.0.get("full_size").and_then(Value::as_array).map(|size| {
                 let sides: Vec<String> = size.iter().filter_map(Value::as_f64).map(plain).collect();
                 args.blocks(&format!("a full rectangle of {}", sides.join(" × ")), "of")

@@ -39,7 +39,7 @@ const BLOCKS: [&str; 16] = [
 type Optional = (&'static str, &'static [&'static str]);
 
 /// Arguments that some checks have and that may be left out, each with values in JSON.
-const OPTIONAL: [Optional; 41] = [
+const OPTIONAL: [Optional; 42] = [
     ("use_8_neighbors", &["true"]),
     ("use_substring_match", &["true", "false"]),
     ("substring_match", &["false"]),
@@ -76,6 +76,7 @@ const OPTIONAL: [Optional; 41] = [
     ("min_top", &["2", "4"]),
     ("y", &["0", "1", "2", "null"]),
     ("solid", &["true"]),
+    ("min_part_blocks", &["1", "2"]),
     ("full_size", &["[1, 2]", "[3, 2]", "null"]),
     ("min_rise", &["1", "2"]),
     ("max_door_share", &["0", "0.2", "0.5", "null"]),

@@ -81,13 +81,4 @@ impl Terrain {
         }
         reached
     }
-
-    /// Finds the highest block, of those that `is_wanted` takes, that a player can reach from the ground around the build
-    /// by steps of at most one block.
-    #[must_use]
-    pub fn highest_climbed(&self, is_wanted: impl Fn(&Cell) -> bool) -> Option<Cell> {
-        let reached = self.reached(self.around(1), 1, 1);
-        let blocks = reached.into_iter().map(|feet| feet.offset(0, -1, 0)).filter(is_wanted);
-        blocks.max_by_key(|block| (block.y, *block))
-    }
 }

@@ -97,7 +97,9 @@ fn level_has(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     };
     let is_full = full.is_empty()
         || [[full[0], full[1]], [full[1], full[0]]].iter().any(|[a, b]| fills((*a).max(1), (*b).max(1)));
+    let least = arguments.number("min_part_blocks").unwrap_or(0.0);
     is_full
+        && parts.iter().all(|part| part.len() as f64 >= least)
         && is_within(places.len(), "min_blocks", "max_blocks")
         && is_within(parts.len(), "min_parts", "max_parts")
         && (size.is_empty() || parts.iter().any(reaches))

@@ -77,7 +77,8 @@ fn is_vault(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     let tops = surface(&above, 1);
     let cells = build.all();
     // Towards zero, where the middle lies between two columns.
-    let middle = [0, 2].map(|axis| i64::midpoint(build.ends(axis).0, build.ends(axis).1));
+    let judged = if arguments.flag("shell", false) && !above.blocks.is_empty() { &above } else { build };
+    let middle = [0, 2].map(|axis| i64::midpoint(judged.ends(axis).0, judged.ends(axis).1));
     let middle_column = above.blocks.iter().filter(|block| [block.at[0], block.at[2]] == middle);
     let lowest = middle_column.map(|block| block.at[1]).min().unwrap_or(0);
     // The free cells below the cover of a column, which begins at its top and goes on as far as blocks do.
@@ -109,8 +110,18 @@ fn is_vault(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
         .collect();
     let may_be_open = arguments.flag("shell", false);
     let is_closed = if may_be_open { parts(&around, true).len() == 1 } else { rows_are_closed };
-    let along_x: Vec<i64> = tops.iter().filter(|(at, _)| at.1 == middle[1]).map(|(_, top)| *top).collect();
-    let along_z: Vec<i64> = tops.iter().filter(|(at, _)| at.0 == middle[0]).map(|(_, top)| *top).collect();
+    // The heights of a line by their places, with a dip where a shell is open between two of them.
+    let joined = |places: Vec<(i64, i64)>| {
+        let mut heights = Vec::new();
+        for (i, (at, top)) in places.iter().enumerate() {
+            let is_open = may_be_open && i > 0 && places[i - 1].0 + 1 < *at;
+            heights.extend(is_open.then_some(-1));
+            heights.push(*top);
+        }
+        heights
+    };
+    let along_x = joined(tops.iter().filter(|(at, _)| at.1 == middle[1]).map(|(at, top)| (at.0, *top)).collect());
+    let along_z = joined(tops.iter().filter(|(at, _)| at.0 == middle[0]).map(|(at, top)| (at.1, *top)).collect());
     let opened = |line: Vec<i64>, own: (bool, bool)| {
         let before = (may_be_open && !own.0).then_some(-1);
         let after = (may_be_open && !own.1).then_some(-1);
@@ -129,9 +140,12 @@ fn is_vault(arguments: Arguments<'_>, build: &Build<'_>) -> bool {
     let hollow = inner.iter().filter(|(at, top)| free(at, **top) > 0).count() as f64;
     let is_hollow = min_hollow <= 0.0 || !inner.is_empty() && hollow / inner.len() as f64 >= min_hollow;
     let bulges = [&along_x, &along_z].iter().all(|line| !line.is_empty() && arches(line));
+    let heights = tops.values().map(|top| *top as f64);
+    let (mean, most) = (heights.clone().sum::<f64>() / tops.len() as f64, heights.fold(0.0, f64::max));
+    let is_high = most > 0.0 && mean / most >= 0.35;
     is_closed
         && is_hollow
-        && (!arguments.flag("shell", false) || bulges)
+        && (!arguments.flag("shell", false) || bulges && is_high)
         && footing >= arguments.number("min_footing").unwrap_or(0.0)
         && tops.len() as f64 / area >= arguments.number("min_cover").unwrap_or(0.0)
         && (!arguments.flag("no_gaps", false) || tops.iter().all(has_no_gap))

@@ -205,9 +205,14 @@ const fn is_below(p: (i64, i64), a: (i64, i64), b: (i64, i64), by: i64) -> bool 
 
 impl Rule for TrueArch {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(
-            || json!({ "supports": 2, "y": self.support_y, "underside": "bulges up", "upper_surface": "bulges up" }),
-        );
+        let required = subject.tell(|| {
+            let mut required =
+                json!({ "supports": 2, "y": self.support_y, "underside": "bulges up", "upper_surface": "bulges up" });
+            if self.min_rise > 0 {
+                required["rise"] = json!({ ">=": self.min_rise });
+            }
+            required
+        });
         let structure = subject.standing(self.solid);
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);

@@ -10,7 +10,9 @@ use crate::voxel::Cell;
 use crate::voxel::blocks::BlockSet;
 use crate::voxel::planar::{Clusters, PlaneCell, Touch, extents, sorted_distinct};
 
-/// Check of the columns between two levels. A column fills the same cells on every level from one to the other; cells that touch, be it at an edge, are of one column.
+/// Check of the columns between two levels.
+///
+/// A column fills the same cells on every level from one to the other; cells that touch, be it at an edge, are of one column.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HasColumns {
@@ -67,8 +69,8 @@ impl HasColumns {
         whole.map(|column| column[0].0).collect()
     }
 
-    /// Returns a block that stands on one of the levels without being of a column, or at which columns meet.
-    fn other_block(&self, subject: &Subject<'_>, columns: &[PlaneCell], count: usize) -> Option<Cell> {
+    /// Returns a block on one of the levels that is of no column or joins two of them, and whether it joins them.
+    fn other_block(&self, subject: &Subject<'_>, columns: &[PlaneCell], count: usize) -> Option<(Cell, bool)> {
         let mut cells: Vec<(i32, PlaneCell)> =
             subject.standing(self.solid).cells().iter().map(|c| (c.y, (c.x, c.z))).collect();
         cells.retain(|(y, _)| self.spans(*y));
@@ -77,21 +79,22 @@ impl HasColumns {
         cells.chunk_by(|a, b| a.0 == b.0).find_map(|level| {
             let plan = sorted_distinct(level.iter().map(|(_, cell)| *cell).collect());
             let stray = if self.size.is_some() {
-                plan.iter().copied().find(|cell| !is_of_column(cell))
+                plan.iter().copied().find(|cell| !is_of_column(cell)).map(|cell| (cell, false))
             } else {
                 apart_from_columns(&plan, count, &is_of_column)
             };
-            stray.map(|(x, z)| Cell::new(x, level[0].0, z))
+            stray.map(|((x, z), joins)| (Cell::new(x, level[0].0, z), joins))
         })
     }
 }
 
-/// Returns the first cell of a part of a level that holds no column, or of one in which two columns meet.
+/// Returns the first cell of a part of a level that holds no column, or one beside the columns of a level in which two of
+/// them meet, and whether it is of the second kind.
 fn apart_from_columns(
     plan: &[PlaneCell],
     columns: usize,
     is_of_column: &impl Fn(&PlaneCell) -> bool,
-) -> Option<PlaneCell> {
+) -> Option<(PlaneCell, bool)> {
     let parts = Clusters::of(plan, Touch::SidesAndCorners);
     let mut holds_column = vec![false; parts.count];
     for (cell, label) in plan.iter().zip(&parts.label) {
@@ -99,8 +102,9 @@ fn apart_from_columns(
     }
     let bare = parts.label.iter().position(|label| !holds_column[*label as usize]);
     // Every part holds a column, so fewer parts than columns mean that two of them meet.
-    let meeting = || (parts.count < columns).then(|| plan.iter().position(is_of_column)).flatten();
-    bare.or_else(meeting).map(|at| plan[at])
+    let beside = |cell: &PlaneCell| !is_of_column(cell);
+    let meeting = || (parts.count < columns).then(|| plan.iter().position(beside)).flatten();
+    bare.map(|at| (plan[at], false)).or_else(|| meeting().map(|at| (plan[at], true)))
 }
 
 impl Rule for HasColumns {
@@ -144,7 +148,10 @@ impl Rule for HasColumns {
             let faults = [
                 (thick > 0).then(|| format!("{} of another size", counted(thick, "column"))),
                 (bare > 0).then(|| format!("{} without a block on top", counted(bare, "column"))),
-                other.map(|cell| format!("another block stands there at {:?}", <[i32; 3]>::from(cell))),
+                other.map(|(cell, joins)| {
+                    let what = if joins { "columns meet" } else { "another block stands there" };
+                    format!("{what} at {:?}", <[i32; 3]>::from(cell))
+                }),
             ];
             let faults: Vec<String> = faults.into_iter().flatten().collect();
             let faults = if faults.is_empty() { String::new() } else { format!(", {}", faults.join(", ")) };
@@ -157,7 +164,10 @@ impl Rule for HasColumns {
         }
         let feet = subject.tell(|| columns.representatives(&cells)).into_iter();
         finding
-            .with_witnesses(other, "no column")
+            .with_witnesses(
+                other.map(|(cell, _)| cell),
+                other.map_or("", |(_, joins)| if joins { "joins columns" } else { "no column" }),
+            )
             .with_witnesses(feet.map(|(x, z)| Cell::new(x, self.from_y, z)), "foot of a column")
     }
 }
@@ -208,7 +218,7 @@ mod tests {
         let and = |more: ([i32; 3], [i32; 3])| [&POSTS[..], &[more]].concat();
         assert!(found(&loose, &and(([0, 2, 0], [1, 2, 1])), "stone").0, "a capital");
         let (holds, summary) = found(&loose, &and(([0, 2, 0], [4, 2, 4])), "stone");
-        assert!(!holds && summary.contains("another block stands there"), "{summary}");
+        assert!(!holds && summary.contains("columns meet at [0, 2, 1]"), "{summary}");
         assert!(!found(&loose, &and(([2, 0, 2], [2, 0, 2])), "stone").0, "a block between them");
         let four = json!({ "from_y": 0, "to_y": 3, "min_columns": 4 });
         assert!(!found(&four, &POSTS, "stone").0);

@@ -81,7 +81,10 @@ impl EnclosedRooms {
     fn wanted(&self) -> Option<String> {
         let least = range_of_counts(self.min_rooms, None);
         // Only a greatest number counts the spaces that nobody can enter.
-        let most = self.max_rooms.map(|most| format!("at most {most} together with closed spaces as large as a room"));
+        let most = self.max_rooms.map(|most| match self.counted_from {
+            None => format!("at most {most} together with closed spaces as large as a room"),
+            Some(cells) => format!("at most {most} together with closed spaces of {}", counted(cells, "cell of floor")),
+        });
         let both: Vec<String> = [least, most].into_iter().flatten().collect();
         (!both.is_empty()).then(|| format!("; required {}", both.join(", and ")))
     }
@@ -89,15 +92,25 @@ impl EnclosedRooms {
 
 impl Rule for EnclosedRooms {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(|| match self.max_rooms {
-            None => json!({ ">=": self.min_rooms }),
-            Some(most) => json!({ "rooms": { ">=": self.min_rooms }, "rooms_and_closed": { "<=": most } }),
+        let required = subject.tell(|| {
+            let mut required = match self.max_rooms {
+                None => json!({ ">=": self.min_rooms }),
+                Some(most) => json!({ "rooms": { ">=": self.min_rooms }, "rooms_and_closed": { "<=": most } }),
+            };
+            if let Some(step) = self.max_step {
+                required["step"] = json!({ "<=": step });
+            }
+            if let Some(share) = self.max_door_share {
+                required["doors"] = json!({ "share <=": share });
+            }
+            required
         });
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
         let spaces = around.spaces();
         let mut rooms = around.rooms_within(self.min_floor_cells, self.max_step);
+        let reached = rooms.len();
         if let Some(most) = self.max_door_share {
             rooms.retain(|room| around.door_share(*room) <= most);
         }
@@ -113,10 +126,16 @@ impl Rule for EnclosedRooms {
                 Some(0) => ", reached from the ground without a step",
                 Some(_) => ", reached from the ground",
             };
+            let apart = around.rooms(self.min_floor_cells).len() - reached;
+            let apart = (apart > 0).then(|| format!(", {apart} of which cannot be reached so"));
+            let of_doors = reached - rooms.len();
+            let of_doors = (of_doors > 0).then(|| format!(", {of_doors} of which have too many doors for walls"));
             format!(
-                "{} with a roof, a door and head room{way}; {}{}",
+                "{} with a roof, a door and head room{way}; {}{}{}{}",
                 counted(rooms.len(), "room"),
                 counted(closed, "other enclosed space"),
+                apart.unwrap_or_default(),
+                of_doors.unwrap_or_default(),
                 self.wanted().unwrap_or_default()
             )
         });
@@ -127,6 +146,7 @@ impl Rule for EnclosedRooms {
         let is_of_size = |piece: usize| spaces.pieces[piece].floor_cells >= counted_from;
         let (shown, why) = match (lacks_rooms, is_not_too_many, of_size > rooms.len()) {
             (true, ..) => (Shown::NoRooms, "enclosed, but no room"),
+            (false, false, true) if self.counted_from.is_some() => (Shown::ClosedOfSize, "space that counts as a room"),
             (false, false, true) => (Shown::ClosedOfSize, "closed space, which nobody can enter"),
             _ => (Shown::Rooms, "room"),
         };
@@ -147,7 +167,13 @@ impl Rule for EnclosedRooms {
 
 impl Rule for DoorsLeadThrough {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(|| json!({ "doors": { ">=": self.min_doors }, "blocked": 0 }));
+        let required = subject.tell(|| {
+            let mut required = json!({ "doors": { ">=": self.min_doors }, "blocked": 0 });
+            if self.min_parting > 0 {
+                required["parting"] = json!({ ">=": self.min_parting });
+            }
+            required
+        });
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };

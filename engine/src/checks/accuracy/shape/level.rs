@@ -36,6 +36,9 @@ pub struct LevelHas {
     /// Sizes along x and z, in either order, that one part reaches; null asks for none.
     #[serde(default)]
     pub min_size: Option<[u32; 2]>,
+    /// Least number of blocks of each part.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub min_part_blocks: u32,
     /// Sizes along x and z, in either order, of a rectangle that blocks fill; null asks for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub full_size: Option<[u32; 2]>,
@@ -44,14 +47,20 @@ pub struct LevelHas {
     pub solid: bool,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(blocks: &u32) -> bool {
+    *blocks == 0
+}
+
 impl LevelHas {
     /// Returns the bounds in words, or `None` if there are none.
     fn wanted(&self) -> Option<String> {
         let blocks = range_of_counts(self.min_blocks, self.max_blocks).map(|range| format!("blocks: {range}"));
         let parts = range_of_counts(self.min_parts, self.max_parts).map(|range| format!("parts: {range}"));
         let size = self.min_size.map(|[a, b]| format!("a part of at least {a} by {b}"));
+        let each = (self.min_part_blocks > 0).then(|| format!("each part: at least {}", self.min_part_blocks));
         let full = self.full_size.map(|[a, b]| format!("a full rectangle of {a} by {b}"));
-        let all: Vec<String> = [blocks, parts, size, full].into_iter().flatten().collect();
+        let all: Vec<String> = [blocks, parts, each, size, full].into_iter().flatten().collect();
         (!all.is_empty()).then(|| all.join(", "))
     }
 
@@ -94,6 +103,9 @@ impl Rule for LevelHas {
         let required = subject.tell(|| {
             let mut required = json!({ "y": self.y, "blocks": { ">=": self.min_blocks, "<=": self.max_blocks },
                                "parts": { ">=": self.min_parts, "<=": self.max_parts }, "size": { ">=": self.min_size } });
+            if self.min_part_blocks > 0 {
+                required["blocks_of_each"] = json!({ ">=": self.min_part_blocks });
+            }
             if let Some(full) = self.full_size {
                 required["full"] = json!({ ">=": full });
             }
@@ -109,7 +121,10 @@ impl Rule for LevelHas {
         let is_within = |count: usize, least: u32, most: Option<u32>| {
             count >= least as usize && most.is_none_or(|most| count <= most as usize)
         };
-        let has_parts = is_within(clusters.count, self.min_parts, self.max_parts);
+        let mut sizes = vec![0_u32; clusters.count];
+        clusters.label.iter().for_each(|label| sizes[*label as usize] += 1);
+        let has_parts = is_within(clusters.count, self.min_parts, self.max_parts)
+            && sizes.iter().all(|size| *size >= self.min_part_blocks);
         let holds = has_parts
             && is_within(cells.len(), self.min_blocks, self.max_blocks)
             && self.min_size.is_none_or(reaches)
@@ -182,6 +197,8 @@ mod tests {
             (json!({ "y": 1, "min_blocks": 5 }), false),
             (json!({ "y": 1, "min_parts": 2, "max_parts": 2 }), true),
             (json!({ "y": 1, "max_parts": 1 }), false),
+            (json!({ "y": 1, "min_part_blocks": 1 }), true),
+            (json!({ "y": 1, "min_part_blocks": 2 }), false),
             (json!({ "y": 1, "min_size": [1, 3] }), true),
             (json!({ "y": 1, "min_size": [2, 2] }), false),
             (json!({ "y": 2, "of": "dirt", "min_blocks": 1 }), false),

@@ -85,9 +85,14 @@ fn loose_support(structure: &Structure, deck: Cell) -> Option<Cell> {
 impl Rule for HasClearSpan {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
         let structure = subject.standing(self.solid);
-        let required = subject.tell(
-            || json!({ "supports": 2, "free": { ">=": self.min_free }, "clear_levels": self.height, "deck": true }),
-        );
+        let required = subject.tell(|| {
+            let free = json!({ ">=": self.min_free });
+            let mut required = json!({ "supports": 2, "free": free, "clear_levels": self.height, "deck": true });
+            if self.one_piece {
+                required["one_piece"] = json!(true);
+            }
+            required
+        });
         if structure.is_empty() {
             return Finding::nothing_stands(false, required);
         }

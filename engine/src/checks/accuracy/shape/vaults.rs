@@ -9,9 +9,9 @@ use super::arch::break_of;
 use crate::checks::{Finding, Rule, Subject};
 use crate::text::counted;
 use crate::voxel::rooms::FloorPlan;
-use crate::voxel::{Cell, Structure};
+use crate::voxel::{Bounds, Cell, Structure};
 
-/// Check that every row of the plan is covered, that there is head room below the cover in the middle, and that along
+/// Check of a dome: that every row of the plan is covered, that there is head room below the cover in the middle, and that along
 /// both axes through the middle the upper surface falls to either side by at least two blocks without rising again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -31,9 +31,9 @@ pub struct IsVault {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub min_hollow: f64,
     /// Whether to judge the build as a shell. Its upper surface bulges up along both axes: no height lies a whole block or
-    /// more below a chord. Cells are free from the cover down to the next block, which may be a floor. The plan may be open
+    /// more below a chord; and the mean height of the plan is at least 35 % of the greatest. The middle is that of the plan. Cells are free from the cover down to the next block, which may be a floor. The plan may be open
     /// at its edge, for an entrance: only columns that it encloses, sides and corners closed, are uncovered, and at an end of
-    /// an axis that is open the line goes on to y = -1.
+    /// an axis that is open the line goes on to y = -1, and so it does where it is open in between.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub shell: bool,
     /// Whether what nothing can be built of, such as water, torches and doors, is left out.
@@ -114,6 +114,16 @@ fn covered_share(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
     if area > 0.0 { tops.len() as f64 / area } else { 0.0 }
 }
 
+/// Least mean height of a shell's plan, as a share of its greatest height.
+const LEAST_MEAN_HEIGHT: f64 = 0.35;
+
+/// Returns the mean height (y) of the columns of a plan, as a share of the greatest.
+fn mean_height(tops: &BTreeMap<(i32, i32), i32>) -> f64 {
+    let most = tops.values().max().copied().unwrap_or(0);
+    let mean = tops.values().map(|top| f64::from(*top)).sum::<f64>() / tops.len().max(1) as f64;
+    if most > 0 { mean / f64::from(most) } else { 0.0 }
+}
+
 /// Returns the share of the columns away from the edge of a plan that have a free cell below their cover.
 fn hollow_share(free: &BTreeMap<(i32, i32), i32>, tops: &BTreeMap<(i32, i32), i32>) -> f64 {
     let inner: Vec<i32> = free.iter().filter(|(at, _)| !is_at_edge(tops, **at)).map(|(_, free)| *free).collect();
@@ -148,10 +158,12 @@ impl Rule for IsVault {
         let required = subject.tell(|| self.required());
         let structure = subject.standing(self.solid);
         let Some(bounds) = structure.bounds() else { return Finding::nothing_stands(false, required) };
+        let above = || structure.cells().iter().copied().filter(|cell| cell.y >= 0);
+        let bounds = if self.shell { Bounds::of(above()).unwrap_or(bounds) } else { bounds };
         let (x, z) = (i32::midpoint(bounds.min.x, bounds.max.x), i32::midpoint(bounds.min.z, bounds.max.z));
         let mut tops: BTreeMap<(i32, i32), i32> = BTreeMap::new();
         let mut cover: Option<i32> = None;
-        for cell in structure.cells().iter().filter(|cell| cell.y >= 0) {
+        for cell in above() {
             let top = tops.entry((cell.x, cell.z)).or_insert(cell.y);
             *top = (*top).max(cell.y);
             if (cell.x, cell.z) == (x, z) {
@@ -164,11 +176,18 @@ impl Rule for IsVault {
         let has_room = i64::from(clear) >= i64::from(self.min_clear);
         let line = |along_x: bool| -> Vec<i32> {
             let on_line = |at: &(i32, i32)| if along_x { at.1 == z } else { at.0 == x };
-            let heights: Vec<i32> = tops.iter().filter(|(at, _)| on_line(at)).map(|(_, top)| *top).collect();
+            let along = |at: &(i32, i32)| if along_x { at.0 } else { at.1 };
+            let mut heights: Vec<i32> = Vec::new();
+            let mut last = None;
+            for (at, top) in tops.iter().filter(|(at, _)| on_line(at)) {
+                // What is open within the line is a dip.
+                let is_open = self.shell && last.replace(along(at)).is_some_and(|last| last + 1 < along(at));
+                heights.extend(is_open.then_some(-1));
+                heights.push(*top);
+            }
             if !self.shell {
                 return heights;
             }
-            let along = |at: &(i32, i32)| if along_x { at.0 } else { at.1 };
             let own = || tops.keys().filter(|at| on_line(at)).map(along);
             let opens = |end: Option<i32>, of_plan: Option<i32>| (end != of_plan).then_some(-1);
             let before = opens(own().min(), tops.keys().map(along).min());
@@ -186,9 +205,10 @@ impl Rule for IsVault {
         let stands = footing >= self.min_footing;
         let hollow = if self.min_hollow > 0.0 { hollow_share(&free, &tops) } else { 1.0 };
         let is_hollow = hollow >= self.min_hollow;
+        let is_high = !self.shell || mean_height(&tops) >= LEAST_MEAN_HEIGHT;
         let bulges = !self.shell || lines.iter().all(|line| break_of(line).is_none());
         let is_whole = is_closed && plan_share >= self.min_cover && gap.is_none();
-        let holds = is_whole && has_room && falls && stands && is_hollow && bulges;
+        let holds = is_whole && has_room && falls && stands && is_hollow && is_high && bulges;
         let measured = subject.tell(|| {
             let mut measured = json!({ "clear": clear, "closed": is_closed, "cover": plan_share,
                     "gaps": self.no_gaps.then_some(gap.is_some()),
@@ -207,6 +227,7 @@ impl Rule for IsVault {
             (gap.is_none(), "a column does not reach down to its lower neighbour"),
             (stands, "too little of its edge reaches down to the ground"),
             (is_hollow, "too little of it is hollow"),
+            (is_high, "it is flat but for its middle"),
             (bulges, "the upper surface does not bulge up"),
             (has_room, "too few cells are free over the middle"),
             (falls, "the upper surface does not fall by two to every side, or dips"),

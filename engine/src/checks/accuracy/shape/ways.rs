@@ -60,7 +60,7 @@ const fn four() -> u32 {
 pub struct ClimbsTo {
     /// Least y of the block at the end of the path.
     pub min_y: i32,
-    /// Whether that block must lie within the plan of the floor at `min_y`: the rectangle around the largest part of that
+    /// Whether that block must lie within the plan of the floor at `min_y`: the largest rectangle around a part of that
     /// level.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub onto_floor: bool,
@@ -87,9 +87,13 @@ impl Rule for WalksOut {
             halves.entry(first(block)).or_default().push(*block);
         }
         let starts: Vec<Cell> = blocks.iter().copied().filter(|cell| first(cell) == *cell).collect();
-        let (step, width) = (self.max_step.min(1) as i32, self.width.clamp(1, MAX_WIDTH) as i32);
+        let (step, width) = (self.max_step.min(1), self.width.clamp(1, MAX_WIDTH) as i32);
         // Steps work in both directions, so a path in from the outside is also a path out.
-        let ways_out: CellSet = terrain.reached(terrain.around(width), step, width).into_iter().collect();
+        let ways_out: CellSet = if width == 1 {
+            around.walked(step).iter().copied().collect()
+        } else {
+            terrain.reached(terrain.around(width), step as i32, width).into_iter().collect()
+        };
         let square = || (0..width).flat_map(move |dx| (0..width).map(move |dz| (dx, dz)));
         // Squares that contain an enclosed cell beside the block.
         let gets_out = |start: &Cell| {
@@ -132,15 +136,24 @@ impl Rule for WalksOut {
 
 impl Rule for HasUpperFloor {
     fn evaluate(&self, subject: &Subject<'_>) -> Finding {
-        let required = subject.tell(|| json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } }));
+        let required = subject.tell(|| {
+            let mut required = json!({ "cells": { ">=": self.min_cells }, "y": { ">=": self.min_y } });
+            if self.ground_cells > 0 {
+                required["on_ground"] = json!({ ">=": self.ground_cells });
+            }
+            required
+        });
         let Some(around) = subject.surroundings() else {
             return without_terrain(subject, required);
         };
         let (terrain, spaces) = (&around.terrain, around.spaces());
-        let mut reached = terrain.reached(terrain.around(1), 1, 1);
-        reached.retain(|feet| terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces));
-        let on_ground = reached.iter().filter(|feet| feet.y <= 1).count();
-        reached.retain(|feet| feet.y > self.min_y);
+        let walked = || around.walked(1).iter().copied();
+        let is_inside = |feet: &Cell| terrain.is_floor(*feet) && terrain.is_enclosed(*feet, spaces);
+        let on_ground = match self.ground_cells {
+            0 => 0,
+            _ => walked().filter(|feet| feet.y <= 1).filter(is_inside).count(),
+        };
+        let reached: Vec<Cell> = walked().filter(|feet| feet.y > self.min_y).filter(is_inside).collect();
         let summary = subject.tell(|| {
             let ground = (self.ground_cells > 0).then(|| format!(", and {on_ground} on the ground floor"));
             let least = (self.ground_cells > 0).then(|| format!(" and {}", self.ground_cells));
@@ -154,12 +167,16 @@ impl Rule for HasUpperFloor {
             )
         });
         let holds = reached.len() >= self.min_cells as usize && on_ground >= self.ground_cells as usize;
-        Finding::binary(holds, reached.len(), required, summary)
+        let measured = subject.tell(|| match self.ground_cells {
+            0 => json!(reached.len()),
+            _ => json!({ "cells": reached.len(), "on_ground": on_ground }),
+        });
+        Finding::binary(holds, measured, required, summary)
             .with_witnesses(reached.first().map(|feet| feet.offset(0, -1, 0)), "upper floor")
     }
 }
 
-/// Returns the rectangle around the largest part of a level, as its least and greatest x, and its least and greatest z.
+/// Returns the largest rectangle around a part of a level, as its least and greatest x, and its least and greatest z.
 fn floor_plan(structure: &Structure, y: i32) -> Option<[i32; 4]> {
     let cells = level(structure, y);
     let parts = Clusters::of(&cells, Touch::SidesAndCorners);
@@ -179,7 +196,8 @@ impl Rule for ClimbsTo {
             let is_within = |[x0, x1, z0, z1]: [i32; 4]| (x0..=x1).contains(&block.x) && (z0..=z1).contains(&block.z);
             plan.is_none_or(|plan| plan.is_some_and(is_within))
         };
-        let highest = around.terrain.highest_climbed(is_over);
+        let blocks = around.walked(1).iter().map(|feet| feet.offset(0, -1, 0)).filter(is_over);
+        let highest = blocks.max_by_key(|block| (block.y, *block));
         let Some(block) = highest else {
             let summary = if self.onto_floor {
                 subject.tell(|| format!("no climb from the ground ends over the floor at y = {}", self.min_y))
