@@ -59,7 +59,7 @@ async fn charts_show_the_runs_of_a_board_with_their_numbers() {
         assert!(!svg.text.contains("<b>") && svg.text.contains("&lt;b&gt;hasty"), "{name}: {}", svg.text);
         let table = service.get(&format!("{charts}/{name}.csv")).await.text;
         assert!(table.contains(&good) && table.contains(&bad), "{name}: {table}");
-        assert!(page.contains(&format!("{charts}/{name}.svg").replace("lite/", "lite@3/")), "{name}");
+        assert!(page.contains(&format!("{charts}/{name}.svg").replace("lite/", "lite@4/")), "{name}");
     }
     let cost = service.get(&format!("{charts}/cost.csv")).await.text;
     assert!(cost.contains("<b>hasty</b>,0.2,0.02,USD,true"), "{cost}");

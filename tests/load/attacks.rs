@@ -178,10 +178,11 @@ async fn findings_and_the_cache_of_results_are_bounded() {
 #[tokio::test]
 async fn endless_scripts_delay_no_other() {
     let (_folder, service) = start(&[]);
+    // Each is code of its own, because what one did is remembered.
     let endless: Vec<_> = (0..16)
-        .map(|_| {
+        .map(|i| {
             let service = Arc::clone(&service);
-            let body = json!({ "action_code": "(async (bot) => { for (;;) {} })" });
+            let body = json!({ "action_code": format!("(async (bot) => {{ for (let i = {i}; ; ) {{}} }})") });
             tokio::spawn(async move { service.post_json("/v1/replay", &body).await })
         })
         .collect();
