@@ -27,16 +27,11 @@ pub struct TrueArch {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub with_supports: bool,
     /// Least number of blocks by which the underside rises above both its ends.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "super::is_zero")]
     pub min_rise: u32,
     /// Whether what nothing can be built of, such as water, torches and doors, is left out.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub solid: bool,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-const fn is_zero(blocks: &u32) -> bool {
-    *blocks == 0
 }
 
 /// Horizontal axis.

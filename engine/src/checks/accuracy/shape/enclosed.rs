@@ -41,13 +41,8 @@ pub struct DoorsLeadThrough {
     #[serde(default = "one")]
     pub min_doors: u32,
     /// Least number of doors that part a space from another one or from the outside.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "super::is_zero")]
     pub min_parting: u32,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-const fn is_zero(doors: &u32) -> bool {
-    *doors == 0
 }
 
 const fn four() -> u32 {
@@ -157,9 +152,10 @@ impl Rule for EnclosedRooms {
         };
         let witnesses = subject.tell(|| (1..spaces.pieces.len()).filter(is_shown).collect::<Vec<_>>());
         let witnesses = witnesses.into_iter().map(|piece| spaces.pieces[piece].first);
+        let closed_of_size = || (1..spaces.pieces.len()).filter(|piece| !is_room(*piece) && is_of_size(*piece)).count();
         let measured = subject.tell(|| match self.max_rooms {
             None => json!(rooms.len()),
-            Some(_) => json!({ "rooms": rooms.len(), "closed": of_size.saturating_sub(rooms.len()) }),
+            Some(_) => json!({ "rooms": rooms.len(), "closed": closed_of_size() }),
         });
         Finding::binary(holds, measured, required, summary).with_witnesses(witnesses, why)
     }

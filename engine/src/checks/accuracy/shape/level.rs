@@ -37,7 +37,7 @@ pub struct LevelHas {
     #[serde(default)]
     pub min_size: Option<[u32; 2]>,
     /// Least number of blocks of each part.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "super::is_zero")]
     pub min_part_blocks: u32,
     /// Sizes along x and z, in either order, of a rectangle that blocks fill; null asks for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -45,11 +45,6 @@ pub struct LevelHas {
     /// Whether what nothing can be built of, such as water, torches and doors, is left out.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub solid: bool,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-const fn is_zero(blocks: &u32) -> bool {
-    *blocks == 0
 }
 
 impl LevelHas {

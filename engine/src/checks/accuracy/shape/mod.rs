@@ -18,6 +18,12 @@ pub mod symmetry;
 pub mod vaults;
 pub mod ways;
 
+/// Returns whether an argument has its default, which serialised forms leave out.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+pub(super) const fn is_zero(count: &u32) -> bool {
+    *count == 0
+}
+
 /// Returns whether a name contains another when both are in lower case, which is how shape checks compare names.
 pub(super) fn contains_lower(name: &str, wanted: &str) -> bool {
     name.to_lowercase().contains(&wanted.to_lowercase())

@@ -41,13 +41,8 @@ pub struct HasUpperFloor {
     #[serde(default = "four")]
     pub min_cells: u32,
     /// Least number of such cells on the ground floor: at y = 0, or one above it.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "super::is_zero")]
     pub ground_cells: u32,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-const fn is_zero(cells: &u32) -> bool {
-    *cells == 0
 }
 
 const fn four() -> u32 {
