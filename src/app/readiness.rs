@@ -6,6 +6,7 @@ use tokio::sync::Mutex;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
+use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::store::StoreResult;
 use crate::store::location::Location;
@@ -15,9 +16,6 @@ use crate::store::schema;
 const HOLDS_FOR: Duration = Duration::from_secs(1);
 /// Time that the database may take.
 const PATIENCE: Duration = Duration::from_secs(4);
-
-/// Bytes that must be free on the disk of a database file: what a large submission takes, with its report.
-const ROOM: u64 = 2 << 20;
 
 /// What the last look came to: what the node lacks, or why it is not ready.
 type Found = Result<Vec<String>, &'static str>;
@@ -73,8 +71,12 @@ impl Readiness {
         };
         let new = match tokio::time::timeout(PATIENCE, probe).await {
             // A small write may still fit where a submission does not.
-            Ok(Ok((Some(free), _))) if free < ROOM => {
-                tracing::error!(free, needed = ROOM, "not ready: the disk of the database has too little room");
+            Ok(Ok((Some(free), _))) if free < LIMITS.disk_room_bytes => {
+                tracing::error!(
+                    free,
+                    needed = LIMITS.disk_room_bytes,
+                    "not ready: the disk of the database has too little room"
+                );
                 Err("The disk of the database has less than 2 MiB of room.")
             }
             Ok(Ok((_, lacking))) => Ok(lacking),

@@ -1,8 +1,9 @@
 //! Episodes: attempts whose world the service keeps from step to step.
 
+use super::compression::{compress, decompress};
 use super::db::{Row, query, query_scalar};
 use super::locks::Lock;
-use super::{Store, StoreError, StoreResult, commit, compress, decompress};
+use super::{Store, StoreError, StoreResult, commit};
 
 /// Days for which an episode is kept after it expired.
 pub const KEPT_DAYS: i64 = 7;

@@ -4,12 +4,13 @@
 //! number. When a lease expires, the job is taken again; after [`MAX_ATTEMPTS`] attempts the submission visibly ends as
 //! `grader_error`.
 
+use super::compression::decompress;
 use super::db::{Each, Tx, query, query_as, query_scalar};
 use super::job_ends::{End, MAX_ATTEMPTS};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
 use super::states::SubmissionState;
-use super::{Store, StoreError, StoreResult, commit, decompress};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::clock::now_ms;
 use plumbline_engine::tasks::Task;
 use plumbline_engine::voxel::BlockLog;

@@ -11,6 +11,7 @@ pub mod boards;
 pub mod cards;
 pub mod claims;
 pub mod completion;
+mod compression;
 pub mod cosignatures;
 mod crash_points;
 pub mod db;
@@ -284,14 +285,4 @@ async fn pools(location: &Location, may_change: bool) -> StoreResult<(Pool, Pool
             Ok((pool.clone(), pool))
         }
     }
-}
-
-/// Compresses a body for storage.
-fn compress(bytes: &[u8]) -> StoreResult<Vec<u8>> {
-    zstd::bulk::compress(bytes, 3).map_err(|error| StoreError::failed("compression", error))
-}
-
-/// Decompresses a stored body.
-fn decompress(table: &'static str, bytes: &[u8]) -> StoreResult<Vec<u8>> {
-    zstd::stream::decode_all(bytes).map_err(|error| StoreError::corrupt(table, error))
 }

@@ -1,6 +1,7 @@
 //! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
 use super::board_actions::enter_action;
+use super::compression::decompress;
 use super::db::{Builder, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
@@ -8,7 +9,7 @@ use super::reports::{GRADER, PackedReport};
 use super::results::problems_of;
 use super::rows::from_row;
 use super::run_ends::set_result;
-use super::{Store, StoreError, StoreResult, commit, decompress};
+use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::checks::CHECKS_VERSION;
 use plumbline_engine::grading::ProblemScores;
 use plumbline_engine::tasks::Task;

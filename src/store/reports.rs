@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use super::compression::compress;
 use super::db::{Builder, Dialect, Row, RowValues, query};
 use super::events::{self, NewEvent};
 use super::evidence;
@@ -12,7 +13,7 @@ use super::receipts::{self, NewReceipt};
 use super::run_ends::end_if_complete;
 use super::run_rows::count;
 use super::states::SubmissionState;
-use super::{Store, StoreError, StoreResult, commit, compress};
+use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::grading::Report;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::hidden::receipts::Signed;

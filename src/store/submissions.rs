@@ -1,9 +1,10 @@
 //! Submissions: an agent's log for one task each.
 
+use super::compression::{compress, decompress};
 use super::db::{Row, query, query_as, query_scalar};
 use super::queue::Lane;
 use super::states::SubmissionState;
-use super::{Store, StoreError, StoreResult, compress, decompress};
+use super::{Store, StoreError, StoreResult};
 use plumbline_engine::voxel::Profile;
 
 /// Log as it is stored: canonical JSON, compressed.

@@ -12,13 +12,14 @@ use sha2::{Digest as _, Sha256};
 use sqlx::AssertSqlSafe;
 
 use super::blobs::Blobs;
+use super::compression::{compress, decompress};
 use super::db::{Dialect, Pool, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
 use super::queue::{Lane, NewJob, enter};
 use super::suites::content_hash;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
-use super::{Store, StoreError, StoreResult, commit, compress, decompress, postgres, schema, sqlite};
+use super::{Store, StoreError, StoreResult, commit, postgres, schema, sqlite};
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 

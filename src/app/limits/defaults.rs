@@ -87,6 +87,11 @@ pub const LIMITS: Limits = Limits {
     grade_default_deadline_ms: 10_000,
     grade_max_deadline_ms: 50_000,
     grade_code_seconds: 50,
+    // A little less than `request_seconds`: the answer takes time as well.
+    grade_seconds: 57,
+    // Sums and products of weights in this range neither overflow nor become 0.
+    reward_weight_min: 1e-9,
+    reward_weight_max: 1e9,
     grade_cache_bytes: 64 << 20,
     action_code_bytes: ACTION_LIMITS.code_bytes,
     action_files: MAX_FILES,
@@ -141,4 +146,6 @@ pub const LIMITS: Limits = Limits {
     finding_chars: MAX_CHARS,
     grading_seconds: 600,
     grading_attempts: MAX_ATTEMPTS,
+    // What a large submission takes, with its report.
+    disk_room_bytes: 2 << 20,
 };

@@ -144,6 +144,12 @@ pub struct Limits {
     pub grade_max_deadline_ms: u64,
     /// Seconds for which action code of a request to grade may wait and run, but for batches; then it is refused with 503.
     pub grade_code_seconds: u64,
+    /// Seconds from the beginning of a request for a reward until its log is graded; then it is refused with 503.
+    pub grade_seconds: u64,
+    /// Least weight above 0 of a criterion in a reward.
+    pub reward_weight_min: f64,
+    /// Greatest weight of a criterion in a reward.
+    pub reward_weight_max: f64,
     /// Bytes of memory for the cache of results of `/v1/grade`, by log and task, unless `serve` sets another limit.
     pub grade_cache_bytes: usize,
     /// Bytes in the action code of a turn.
@@ -253,6 +259,8 @@ pub struct Limits {
     pub grading_seconds: u64,
     /// Attempts to grade a submission before it ends as `grader_error`.
     pub grading_attempts: i64,
+    /// Bytes that must be free on the disk of a database file; with less, `/readyz` says that the node is not ready.
+    pub disk_room_bytes: u64,
 }
 
 impl Limits {

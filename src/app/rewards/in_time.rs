@@ -9,8 +9,8 @@ use crate::app::limits::LIMITS;
 /// Time for which the code of a request may wait and run: enough of its time is left to grade and to answer.
 const CODE_WITHIN: Duration = Duration::from_secs(LIMITS.grade_code_seconds);
 
-/// Time after which a request is graded, or refused: a little less than what a request may take.
-pub const GRADED_WITHIN: Duration = Duration::from_secs(LIMITS.request_seconds - 3);
+/// Time after which a request is graded, or refused.
+pub const GRADED_WITHIN: Duration = Duration::from_secs(LIMITS.grade_seconds);
 
 /// Runs the code of a request within the deadline that its sender asked for, or within `grade_code_seconds`.
 ///

@@ -1,7 +1,10 @@
 //! The reward scheme of a request to grade.
 
+use std::ops::RangeInclusive;
+
 use serde_json::Value;
 
+use crate::app::limits::LIMITS;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::reward::Scheme;
 use plumbline_engine::intake::Faults;
@@ -37,8 +40,8 @@ pub struct WeightsBody {
     pub weights: std::collections::BTreeMap<Criterion, f64>,
 }
 
-/// Weights above 0 that are allowed. Their sums and products neither overflow nor become 0.
-const WEIGHTS: std::ops::RangeInclusive<f64> = 1e-9..=1e9;
+/// Weights above 0 that are allowed.
+const WEIGHTS: RangeInclusive<f64> = LIMITS.reward_weight_min..=LIMITS.reward_weight_max;
 
 /// Returns the scheme with this name. A scheme of weights has none.
 pub fn scheme_named(name: &str) -> Option<Scheme> {

@@ -16,11 +16,12 @@ use object_store::{ObjectStore, ObjectStoreExt as _, PutPayload, path::Path};
 use sqlx::AssertSqlSafe;
 use tokio::sync::Mutex;
 
+use super::compression::decompress;
 use super::db::{Pool, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::reports::PackedReport;
 use super::submissions::NewSubmission;
-use super::{Store, StoreError, StoreResult, commit, decompress};
+use super::{Store, StoreError, StoreResult, commit};
 use crate::clock::now_ms;
 pub use place::BlobPlace;
 use reference::Reference;

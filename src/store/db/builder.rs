@@ -2,15 +2,17 @@
 
 use std::fmt::Write as _;
 
-use sqlx::AssertSqlSafe;
-
-use super::statement::{Columns, Query, Scalar, Whole};
+use super::statement::{Columns, Query, Scalar, Text, Whole};
 use super::value::Value;
 
 /// Statement under construction. Its text consists of constants; everything else is bound.
+///
+/// Parameters are numbered for PostgreSQL only. SQLite keeps the names of numbered ones in a list that it searches for
+/// each, so a statement with a thousand of them would spend most of its time there.
 #[derive(Debug)]
 pub struct Builder {
-    text: String,
+    sqlite: String,
+    postgres: String,
     values: Vec<Value>,
 }
 
@@ -18,25 +20,27 @@ impl Builder {
     /// Begins a statement.
     #[must_use]
     pub fn new(text: &'static str) -> Self {
-        Self { text: text.to_owned(), values: Vec::new() }
+        Self::new_checked(text.to_owned())
     }
 
     /// Begins a statement whose text was put together from names of the schema.
     #[must_use]
     pub(in crate::store) fn new_checked(text: String) -> Self {
-        Self { text, values: Vec::new() }
+        Self { sqlite: text.clone(), postgres: text, values: Vec::new() }
     }
 
     /// Appends text.
     pub fn push(&mut self, text: &'static str) -> &mut Self {
-        self.text.push_str(text);
+        self.sqlite.push_str(text);
+        self.postgres.push_str(text);
         self
     }
 
     /// Appends a parameter and binds its value.
     pub fn push_bind(&mut self, value: impl Into<Value>) -> &mut Self {
         self.values.push(value.into());
-        write!(self.text, "${}", self.values.len()).expect("a string takes all text");
+        self.sqlite.push('?');
+        write!(self.postgres, "${}", self.values.len()).expect("a string takes all text");
         self
     }
 
@@ -70,19 +74,19 @@ impl Builder {
     /// Ends a statement that returns whole rows.
     #[must_use]
     pub fn build(self) -> Query<Whole> {
-        Query::new(AssertSqlSafe(self.text).into(), self.values)
+        Query::new(Text::built(self.sqlite, self.postgres), self.values)
     }
 
     /// Ends a statement whose rows are read as tuples or structs.
     #[must_use]
     pub fn build_as(self) -> Query<Columns> {
-        Query::new(AssertSqlSafe(self.text).into(), self.values)
+        Query::new(Text::built(self.sqlite, self.postgres), self.values)
     }
 
     /// Ends a statement whose rows have one column.
     #[must_use]
     pub fn build_scalar(self) -> Query<Scalar> {
-        Query::new(AssertSqlSafe(self.text).into(), self.values)
+        Query::new(Text::built(self.sqlite, self.postgres), self.values)
     }
 }
 

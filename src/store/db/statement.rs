@@ -30,6 +30,13 @@ pub struct Text {
     postgres: SqlStr,
 }
 
+impl Text {
+    /// Returns the text that a [`Builder`](super::Builder) put together.
+    pub(super) fn built(sqlite: String, postgres: String) -> Self {
+        Self { sqlite: AssertSqlSafe(sqlite).into_sql_str(), postgres: AssertSqlSafe(postgres).into_sql_str() }
+    }
+}
+
 impl From<&'static str> for Text {
     fn from(text: &'static str) -> Self {
         Self { sqlite: text.into_sql_str(), postgres: text.into_sql_str() }
