@@ -39,6 +39,10 @@ pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
     if let Some(error) = fault {
         tracing::warn!(%error, "RUST_LOG is not a valid filter and is ignored; a filter has the form info,plumbline::request=warn");
     }
+    if !tracing::enabled!(tracing::Level::ERROR) {
+        // The log would not take it.
+        eprintln!("RUST_LOG lets no error of plumbline through; info,plumbline::request=warn is a filter that does");
+    }
     if format == LogFormat::Json {
         std::panic::set_hook(Box::new(|panic| {
             tracing::error!(
@@ -60,7 +64,18 @@ pub fn init_metrics() -> anyhow::Result<PrometheusHandle> {
     Ok(builder.install_recorder()?)
 }
 
-/// Describes every metric for readers, and sets the constant `plumbline_build_info`.
+/// Counters that exist from the beginning. One that appears with its first event would hide this event from who watches
+/// its increase.
+const FROM_ZERO: [&str; 6] = [
+    "plumbline_graded_total",
+    "plumbline_grader_errors_total",
+    "plumbline_corrupt_rows_total",
+    "plumbline_grade_refused_total",
+    "plumbline_connections_refused_total",
+    "plumbline_stress_fields_computed_total",
+];
+
+/// Describes every metric for readers, sets the constant `plumbline_build_info`, and begins the counters.
 pub fn describe_metrics() {
     use metrics::{describe_counter, describe_gauge, describe_histogram};
     describe_counter!("plumbline_http_requests_total", "HTTP requests, by method, route and status");
@@ -99,4 +114,5 @@ pub fn describe_metrics() {
         ("checks_version", plumbline_engine::checks::CHECKS_VERSION.to_string()),
     ];
     metrics::gauge!("plumbline_build_info", &labels).set(1.0);
+    FROM_ZERO.into_iter().for_each(|name| metrics::counter!(name).increment(0));
 }

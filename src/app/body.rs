@@ -1,5 +1,6 @@
 //! Bodies of requests: one declaration gives the struct, its reader, which reports all faults, and its schema.
 
+pub mod free;
 pub mod values;
 
 use std::marker::PhantomData;

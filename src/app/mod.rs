@@ -177,6 +177,24 @@ impl App {
         self.store.current_catalogue().await
     }
 
+    /// Reads a request with the suites at hand, and once more if that fails and another process has added some.
+    ///
+    /// # Errors
+    /// Returns the error of the last reading.
+    pub async fn with_catalogue<T, F: Future<Output = AppResult<T>>>(
+        &self,
+        read: impl Fn(Arc<Catalogue>) -> F,
+    ) -> AppResult<T> {
+        let held = self.catalogue();
+        match read(Arc::clone(&held)).await {
+            Err(error) => match self.current_catalogue().await {
+                Ok(current) if !Arc::ptr_eq(&held, &current) => read(current).await,
+                _ => Err(error),
+            },
+            done => done,
+        }
+    }
+
     /// Finds a suite by its name, or by name and version, even if another process has added it.
     ///
     /// # Errors

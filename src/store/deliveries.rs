@@ -116,7 +116,8 @@ impl Store {
         .await
     }
 
-    /// Stores the deliveries of the events of a webhook up to number `seen`. Does nothing if another node did so.
+    /// Stores the deliveries of the events of a webhook up to number `seen`. Does nothing if another node stored some
+    /// since the webhook was read. Returns whether they were stored.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -126,7 +127,7 @@ impl Store {
         new: &[NewDelivery],
         seen: i64,
         now_ms: i64,
-    ) -> StoreResult<()> {
+    ) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
         tx.lock([Lock::Webhook(&webhook.id)]).await?;
         let moved = query("UPDATE webhooks SET seen_event = $3 WHERE id = $1 AND seen_event = $2")
@@ -136,7 +137,7 @@ impl Store {
             .execute(&mut tx)
             .await?;
         if moved == 0 {
-            return Ok(());
+            return Ok(false);
         }
         if !new.is_empty() {
             let mut insert = Builder::new(
@@ -154,7 +155,8 @@ impl Store {
             });
             insert.build().execute(&mut tx).await?;
         }
-        commit(tx, "enter_deliveries").await
+        commit(tx, "enter_deliveries").await?;
+        Ok(true)
     }
 
     /// Stores a delivery that no event caused.
@@ -367,5 +369,31 @@ impl Store {
         .execute(&mut tx)
         .await?;
         commit(tx, "forget_old_deliveries").await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::webhooks::NewWebhook;
+
+    #[tokio::test]
+    async fn of_two_nodes_that_saw_the_same_events_one_stores_them_and_the_other_hears_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("p.db").into(), None).await.unwrap();
+        let new = NewWebhook { id: "w", owner: "lab", url: "http://127.0.0.1:1/", events: "", secret: "whsec_" };
+        store.create_webhook(&new, 1, 0).await.unwrap();
+        let webhook = store.webhook("w").await.unwrap().unwrap();
+        let of = |number: i64| NewDelivery {
+            id: format!("msg_{number}"),
+            event_id: Some(number),
+            event: "submission.graded".to_owned(),
+            body: "{}".to_owned(),
+        };
+        assert!(store.enter_deliveries(&webhook, &[of(1)], 1, 0).await.unwrap());
+        // The other node saw an event more: it must look again from where the first one ended.
+        assert!(!store.enter_deliveries(&webhook, &[of(1), of(2)], 2, 0).await.unwrap());
+        assert_eq!(store.webhook("w").await.unwrap().unwrap().seen_event, 1);
+        assert_eq!(store.pending_deliveries("w").await.unwrap(), 1);
     }
 }

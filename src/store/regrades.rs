@@ -262,7 +262,8 @@ impl Store {
     pub async fn apply_regrade(&self, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<Option<usize>> {
         let signer = self.signer()?;
         let mut tx = self.begin().await?;
-        tx.lock([Lock::Boards]).await?;
+        // A run that ends meanwhile is either among those below or waits until the new reports are there.
+        tx.lock([Lock::Boards, Lock::Order]).await?;
         let found: Option<(String, String)> =
             query_as("SELECT reason, actor FROM regrades WHERE id = $1 AND state = 'ready'")
                 .bind(id)

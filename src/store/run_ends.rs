@@ -3,6 +3,7 @@
 use super::StoreResult;
 use super::db::{Tx, query, query_scalar};
 use super::events::{self, NewEvent};
+use super::locks::Lock;
 use super::results::enter_result;
 use super::results::problems_of;
 use super::run_rows::{RunRow, Skip, count, run_in};
@@ -73,6 +74,8 @@ pub(super) async fn end_if_complete(tx: &mut Tx, id: &str, suite_id: &str, now_m
 
 /// Finishes a run with the result of its latest reports, or replaces the result of a finished run.
 pub(super) async fn set_result(tx: &mut Tx, id: &str, tasks: &[Task], now_ms: i64) -> StoreResult<()> {
+    // Before the reports are read, so that no regrade replaces them in between.
+    tx.lock([Lock::Order]).await?;
     let problems = problems_of(tx, id).await?;
     let summary = serde_json::to_string(&summarise(&problems, tasks)).expect("a summary is JSON");
     query(

@@ -49,6 +49,9 @@ async fn a_card_is_declared_edited_and_kept() {
 
     let refused = send(Method::PUT, &format!("{path}/card"), &other, &edited).await;
     assert_eq!(refused.status, StatusCode::FORBIDDEN, "{}", refused.text);
+    let faulty = json!({ "system_prompt": { "text": "a\0b" } });
+    let refused = send(Method::PUT, &format!("{path}/card"), &lab, &faulty).await;
+    assert_eq!(refused.faults(422), ["null /system_prompt/text"], "PostgreSQL stores no U+0000");
     let faulty = json!({ "cost": { "amount": 0, "currency": "EUR", "prices_as_of": "today" }, "modle": "x" });
     let refused = send(Method::PUT, &format!("{path}/card"), &lab, &faulty).await;
     assert_eq!(refused.faults(422), ["null /modle", "null /cost/amount", "null /cost/prices_as_of"]);

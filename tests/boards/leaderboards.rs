@@ -141,7 +141,9 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
     };
     let hide = json!({ "action": "hide", "reason": "the logs are another's <b>" });
     assert_eq!(act(&lab, hide.clone()).await.status, StatusCode::FORBIDDEN);
-    assert_eq!(act(&operator, json!({ "action": "hide", "reason": " " })).await.faults(422), ["null /reason"]);
+    for reason in [" ", "a\0b", "a\u{202e}b", "\u{7}"] {
+        assert_eq!(act(&operator, json!({ "action": "hide", "reason": reason })).await.faults(422), ["null /reason"]);
+    }
     assert_eq!(act(&operator, hide.clone()).await.status, StatusCode::OK);
     assert_eq!(act(&operator, hide).await.status, StatusCode::CONFLICT);
     assert_eq!(names(&service.get(&path).await.json()), ["two"]);

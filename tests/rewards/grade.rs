@@ -242,6 +242,9 @@ async fn a_batch_answers_each_log_for_itself() {
     assert_eq!(items[5]["error"]["faults"][0]["pointer"], "/task");
     let array = format!("[{}]", [lines[0].as_str(), lines[1].as_str()].join(","));
     assert_eq!(read(&service.post("/v1/grade:batch", "application/json", array).await.text).len(), 2);
+    let too_many = format!("[{}0]", "0,".repeat(10_000));
+    let refused = service.post("/v1/grade:batch", "application/json", too_many).await;
+    assert_eq!(refused.status.as_u16(), 422, "{}", refused.text);
     for (body, status) in [("[]", 422), ("{}", 422), ("[1", 400), ("{\"a\":", 400), ("", 400)] {
         let refused = service.post("/v1/grade:batch", "application/json", body).await;
         assert_eq!(refused.status.as_u16(), status, "{body}: {}", refused.text);

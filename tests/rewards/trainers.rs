@@ -39,12 +39,22 @@ async fn nemo_gym_verifies_the_last_message() {
     assert_eq!(verified["response"], good["response"], "the request is repeated");
     // What was answered can be verified again as it is, whatever names a dataset has beside it.
     let mut again = verified.clone();
+    again["failure_reason"] = json!("of an earlier response");
     for name in ["mask", "tags", "site", "schema", "data_source", "reward_model", "rewards", "tasks"] {
         again[name] = json!("x");
         again["verifier_metadata"][name] = json!("x");
     }
     let again = service.post_json("/verify", &again).await;
-    assert_eq!(again.json()["reward"], json!(1.0), "{}", again.text);
+    let again = again.json();
+    assert_eq!((&again["reward"], again.get("failure_reason")), (&json!(1.0), None), "{again}");
+    // A scheme under another name is never strict in silence.
+    let partly = json!({ "turns": turns(&find("widen").unwrap().spoil(wall.clone())) }).to_string();
+    let named = |name: &str| json!({ "task": 113, "response": { "output_text": partly }, name: "shaped" });
+    for name in ["reward", "scheme", "reward_scheme"] {
+        let reward = service.post_json("/verify", &named(name)).await.json()["reward"].as_f64().unwrap();
+        assert!(reward > 0.0 && reward < 1.0, "{name}: {reward}");
+    }
+    assert_eq!(service.post_json("/verify", &named("rewards")).await.faults(422), ["null /rewards"]);
     // A trainer that is wired wrongly is told, and no model blamed.
     for (response, place) in [
         (Value::Null, "null /response"),

@@ -12,6 +12,8 @@ import pytest
 from conftest import WALL, Running
 
 from plumbline_client import AsyncClient, Client, Coalescer, Retries, errors, models
+from plumbline_client.batches import Batch
+from plumbline_client.events import Lines
 
 UGLY = (
     "<think>Should it be dirt?\tNo — 石.</think>\nSure! Here's the wall:\n\n```javascript\n"
@@ -79,6 +81,14 @@ def test_many_logs_in_one_call(client: Client, wall: dict[str, Any]) -> None:
     assert [result.reward is None for result in results] == [False, True, False] * 3
     assert results[0].reward == 1.0 and results[1].error is not None and results[1].error.faults
     assert client.rewards.many([]) == []
+
+
+def test_a_result_may_hold_characters_at_which_python_splits_lines(client: Client) -> None:
+    said = "a\u2028b\u2029c\u0085d"
+    answer = f"```js\nawait skills.placeBlock(bot, 'stone', 0, 0, 0);\nthrow new Error('{said}');\n```"
+    results = client.rewards.many([{"task": WALL, "answer": answer, "profile": "mindcraft"}] * 3)
+    assert [result.status for result in results] == [200] * 3
+    assert said in str(results[0].result)
 
 
 async def test_concurrent_calls_go_as_batches(service: Running, wall: dict[str, Any]) -> None:
@@ -220,6 +230,24 @@ def test_a_batch_that_cannot_be_sent_has_no_rewards_and_loses_no_log(flaky: Any)
     results = client.rewards.many([{"task": WALL, "turns": []}] * 3)
     assert [result.reward for result in results] == [None] * 3
     assert all(result.error is not None and result.error.retryable for result in results)
+
+
+def test_a_log_that_always_fails_is_told_with_its_reason() -> None:
+    batch = Batch([{"task": WALL, "turns": []}])
+    batch.body()
+    problem = '{"type":"urn:plumbline:problem:internal","title":"t","status":500,"detail":"its own","retryable":true}'
+    assert batch.take(f'{{"index":0,"status":500,"reward":null,"error":{problem}}}'.encode()) is None
+    assert [left["error"]["detail"] for left in batch.give_up(errors.PlumblineError("busy"))] == ["its own"]
+    with pytest.raises(errors.UnreadableAnswer):
+        batch.take(b'{"index":')
+
+
+def test_lines_end_at_line_feeds_wherever_chunks_end() -> None:
+    text = "a\u2028b\r\n\nc\x0bd\n\ne".encode()
+    for size in range(1, len(text) + 1):
+        lines = Lines()
+        taken = [line for at in range(0, len(text), size) for line in lines.take(text[at : at + size])]
+        assert [*taken, *lines.rest()] == ["a\u2028b".encode(), b"", b"c\x0bd", b"", b"e"], size
 
 
 def test_the_answer_of_a_newer_service_is_read(flaky: Any) -> None:

@@ -63,6 +63,19 @@ async def test_trl_gets_rewards_of_conversations(service: Running, good: str) ->
     assert plain == [1.0]
 
 
+async def test_trl_finds_the_scheme_under_its_other_names(service: Running) -> None:
+    one = [{"action": "place", "material": "stone", "x": 0, "y": 0, "z": 0}]
+    sent: dict[str, Any] = {"prompts": ["x"], "completions": [json.dumps({"events": one})], "task": [WALL]}
+    assert await trl.plumbline(**sent) == [0.0]
+    for name in ("scheme", "reward", "reward_scheme"):
+        [reward] = await trl.plumbline(**sent, **{name: ["mean"]})
+        assert reward, name
+    # A column of rewards is the data set's own.
+    assert await trl.plumbline(**sent, reward=[0.5]) == [0.0]
+    with pytest.raises(ValueError, match="did you mean reward"):
+        await trl.plumbline(**sent, rewards=["shaped"])
+
+
 async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_data_set_is_wrong(
     monkeypatch: pytest.MonkeyPatch, good: str, service: Running
 ) -> None:

@@ -155,7 +155,7 @@ fn name_all(args: &Value, materials: &mut Vec<String>, levels: &mut Vec<i32>) {
         }
         Value::Number(number) if levels.len() < LEVELS.len() + MOST_NAMED => {
             let level = number.as_i64().and_then(|level| i32::try_from(level).ok());
-            levels.extend(level.filter(|level| level.abs() <= 2_000 && !levels.contains(level)));
+            levels.extend(level.filter(|level| (-2_000..=2_000).contains(level) && !levels.contains(level)));
         }
         Value::Array(items) => items.iter().for_each(|item| name_all(item, materials, levels)),
         Value::Object(members) => members.values().for_each(|member| name_all(member, materials, levels)),
@@ -240,6 +240,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn levels_beyond_every_build_are_not_tried() {
+        let (mut materials, mut levels) = (Vec::new(), Vec::new());
+        name_all(&serde_json::json!([i32::MIN, i32::MAX, i64::MIN, -2_001, -2_000, 7]), &mut materials, &mut levels);
+        assert_eq!(levels, [-2_000, 7]);
     }
 
     #[test]

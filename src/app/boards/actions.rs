@@ -4,6 +4,7 @@ use serde::Deserialize;
 
 use crate::app::App;
 use crate::app::access::Caller;
+use crate::app::body::turns_text;
 use crate::app::error::{AppError, AppResult};
 use crate::clock::now_ms;
 use crate::store::board_actions::{Acted, ActionKind, NewAction};
@@ -74,7 +75,7 @@ pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, r
 fn reason_of(reason: &str) -> AppResult<String> {
     trimmed(reason).ok_or_else(|| {
         let mut faults = Faults::new();
-        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters"));
+        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters, without control characters"));
         AppError::faulty(faults)
     })
 }
@@ -92,9 +93,12 @@ pub fn past(action: &str) -> &str {
     }
 }
 
-/// Returns a reason without surrounding spaces; none if it is empty or too long.
+/// Returns a reason without surrounding spaces; none if it is empty or too long, or has characters that control how
+/// text is shown.
 #[must_use]
 pub fn trimmed(reason: &str) -> Option<String> {
     let reason = reason.trim();
-    (1..=REASON_CHARS).contains(&reason.chars().count()).then(|| reason.to_owned())
+    let is_plain =
+        !turns_text(reason) && !reason.contains(|c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t'));
+    (is_plain && (1..=REASON_CHARS).contains(&reason.chars().count())).then(|| reason.to_owned())
 }

@@ -1,10 +1,9 @@
 //! Shapes of values of which serde or the engine reads the form, and a function the meaning.
 
-use serde::Deserialize as _;
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{MapAccess, SeqAccess};
+use serde::de::{MapAccess, SeqAccess, Visitor as _};
 use serde_json::Value;
 
+use super::free::{FreeJson, Room};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape, Text};
 
@@ -44,6 +43,16 @@ pub struct Json<'f, T> {
     pub read: fn(&Value, &mut Faults) -> Option<T>,
 }
 
+impl<T> Json<'_, T> {
+    fn whole(self, value: &Value, room: &Room) -> Option<T> {
+        if let Some(why) = room.fault() {
+            self.faults.add(why);
+            return None;
+        }
+        (self.read)(value, self.faults)
+    }
+}
+
 impl<'de, T> Shape<'de> for Json<'_, T> {
     type Out = T;
 
@@ -67,12 +76,14 @@ impl<'de, T> Shape<'de> for Json<'_, T> {
     }
 
     fn array<A: SeqAccess<'de>>(self, elements: A) -> Result<Option<T>, A::Error> {
-        let value = Value::deserialize(SeqAccessDeserializer::new(elements))?;
-        Ok((self.read)(&value, self.faults))
+        let mut room = Room::new();
+        let value = FreeJson(&mut room).visit_seq(elements)?;
+        Ok(self.whole(&value, &room))
     }
 
     fn object<A: MapAccess<'de>>(self, members: A) -> Result<Option<T>, A::Error> {
-        let value = Value::deserialize(MapAccessDeserializer::new(members))?;
-        Ok((self.read)(&value, self.faults))
+        let mut room = Room::new();
+        let value = FreeJson(&mut room).visit_map(members)?;
+        Ok(self.whole(&value, &room))
     }
 }

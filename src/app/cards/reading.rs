@@ -119,8 +119,10 @@ impl Member {
         let text = value.as_str();
         let (is_right, wanted) = match self {
             Self::Text(most) => {
-                let is_right = text.is_some_and(|text| !text.trim().is_empty() && text.chars().count() <= most);
-                (is_right, format!("1 to {most} characters of text"))
+                let is_right = text.is_some_and(|text| {
+                    !text.trim().is_empty() && text.chars().count() <= most && !text.contains('\0')
+                });
+                (is_right, format!("1 to {most} characters of text, without U+0000"))
             }
             Self::Number(least, most) => {
                 (value.as_f64().is_some_and(|number| (least..=most).contains(&number)), format!("{least} to {most}"))
@@ -137,7 +139,8 @@ impl Member {
             }
             Self::Prompt => {
                 let most = LIMITS.card_prompt_bytes;
-                (text.is_some_and(|text| text.len() <= most), format!("text of at most {most} bytes"))
+                let is_right = text.is_some_and(|text| text.len() <= most && !text.contains('\0'));
+                (is_right, format!("text of at most {most} bytes, without U+0000"))
             }
             Self::Word(words) => {
                 (text.is_some_and(|text| words.contains(&text)), format!("one of {}", words.join(", ")))

@@ -23,6 +23,8 @@ pub const LIMITS: Limits = Limits {
     bodies_in_memory_bytes: 512 << 20,
     form_bytes: 16 << 10,
     json_depth: 126,
+    // Some 100 MB.
+    free_json_values: 2_000_000,
     ndjson_lines: 1_000,
     turns: 64,
     events: ACTION_LIMITS.events,

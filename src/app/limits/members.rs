@@ -15,6 +15,9 @@ pub struct Limits {
     pub form_bytes: usize,
     /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,
+    /// Values in a body, or a member of it, that has no shape of its own, such as metadata or an inline task. An object
+    /// counts as 16 more.
+    pub free_json_values: usize,
     /// Submissions in one NDJSON body.
     pub ndjson_lines: usize,
     /// Turns in a log.

@@ -1,9 +1,10 @@
 //! The task of a request to grade: of a suite, or brought by the request.
 
 use serde::Deserialize as _;
-use serde::de::MapAccess;
+use serde::de::{MapAccess, Visitor as _};
 use serde_json::{Map, Value};
 
+use crate::app::body::free::{FreeJson, Room};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
@@ -90,10 +91,12 @@ impl<'de> Shape<'de> for NamedTaskShape<'_> {
         TaskShape { faults: self.faults }.scalar(value).map(NamedTask::Listed)
     }
 
-    fn object<A: MapAccess<'de>>(self, mut members: A) -> Result<Option<NamedTask>, A::Error> {
-        let mut object = Map::new();
-        while let Some((key, value)) = members.next_entry::<String, Value>()? {
-            object.insert(key, value);
+    fn object<A: MapAccess<'de>>(self, members: A) -> Result<Option<NamedTask>, A::Error> {
+        let mut room = Room::new();
+        let Value::Object(object) = FreeJson(&mut room).visit_map(members)? else { unreachable!("a map is an object") };
+        if let Some(why) = room.fault() {
+            self.faults.add(why);
+            return Ok(None);
         }
         let before = self.faults.total();
         let (bytes, most) = (written_bytes(&object), LIMITS.grade_inline_bytes);

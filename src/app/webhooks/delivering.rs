@@ -179,10 +179,11 @@ impl Rounds {
                 })
                 .collect();
             // A webhook without events of its own need not write each time.
-            if !new.is_empty() || seen - webhook.seen_event >= NOTED_EVERY {
-                app.store.enter_deliveries(&webhook, &new, seen, now_ms()).await?;
+            let is_noted = !new.is_empty() || seen - webhook.seen_event >= NOTED_EVERY;
+            // Another node may have stored fewer events than these: the next look begins where that one ended.
+            if !is_noted || app.store.enter_deliveries(&webhook, &new, seen, now_ms()).await? {
+                self.seen.insert(webhook.id, seen);
             }
-            self.seen.insert(webhook.id, seen);
         }
         Ok(())
     }

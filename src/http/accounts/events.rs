@@ -90,7 +90,9 @@ pub async fn get_events(
         let event = following.next().await?;
         Some((Ok::<_, Infallible>(event), following))
     });
-    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE)).into_response())
+    // nginx would otherwise hold events back until they fill a buffer.
+    let unbuffered = [("x-accel-buffering", "no")];
+    Ok((unbuffered, Sse::new(events).keep_alive(KeepAlive::new().interval(ALIVE))).into_response())
 }
 
 /// Converts a stored event into the one to send; returns `None` if it cannot be serialized.

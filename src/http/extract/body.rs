@@ -162,11 +162,10 @@ pub fn read_json<T: DeserializeOwned>(body: &JsonBody) -> AppResult<T> {
             Err(AppError::malformed(faults))
         }
         Err(error) if error.inner().is_data() => {
-            match serde_json::from_slice::<Value>(&body.bytes) {
-                // Collecting all faults reads the members several times.
-                Ok(Value::Object(members)) if body.bytes.len() <= LIMITS.all_faults_bytes => {
-                    add_faults::<T>(&members, &error, &mut faults);
-                }
+            // Collecting all faults reads the members several times.
+            let is_small = body.bytes.len() <= LIMITS.all_faults_bytes;
+            match is_small.then(|| serde_json::from_slice::<Value>(&body.bytes)) {
+                Some(Ok(Value::Object(members))) => add_faults::<T>(&members, &error, &mut faults),
                 _ => add_fault(&error, &mut faults),
             }
             Err(AppError::faulty(faults))

@@ -121,7 +121,9 @@ fn id_of(headers: &HeaderMap) -> HeaderValue {
     static PROCESS: LazyLock<u64> = LazyLock::new(|| Uuid::new_v4().as_u64_pair().0);
     static HASHES: LazyLock<RandomState> = LazyLock::new(RandomState::new);
     static NEXT: AtomicU64 = AtomicU64::new(1);
-    if let Some(id) = headers.get(REQUEST_ID).filter(|id| !id.is_empty() && id.len() <= MAX_ID_BYTES) {
+    // The id is logged, where no key may be.
+    let is_fit = |id: &&HeaderValue| !id.is_empty() && id.len() <= MAX_ID_BYTES && !id.as_bytes().starts_with(b"plk_");
+    if let Some(id) = headers.get(REQUEST_ID).filter(is_fit) {
         return id.clone();
     }
     let number = HASHES.hash_one(NEXT.fetch_add(1, Ordering::Relaxed));

@@ -1,6 +1,5 @@
 //! Grading many logs in one request. Results stream back as they are ready, each with its own status.
 
-use std::io::BufRead as _;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
@@ -17,10 +16,10 @@ use bytes::Bytes;
 use futures_util::FutureExt as _;
 use hyper::body::Frame;
 use serde::Serialize;
-use serde_json::value::RawValue;
 use tokio::sync::{Semaphore, mpsc};
 use tokio::task::JoinSet;
 
+use super::batch_items::{Item, split};
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
@@ -34,7 +33,6 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Greatest number of logs in a chunk, which is what a worker takes at a time from those that are left.
@@ -50,9 +48,6 @@ const WAITING: usize = 4;
 const SLICE_BYTES: usize = 1 << 20;
 /// Up to this size, lines are found on the thread that serves the request, mostly sooner than another thread would begin.
 const SMALL_BODY: usize = 1 << 18;
-
-/// What a body should be.
-const NO_ARRAY: &str = "expected an array of requests, or one request per line as application/x-ndjson";
 
 /// The result of one log of a batch.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -130,51 +125,6 @@ pub async fn grade_batch(State(state): State<AppState>, caller: Caller, body: Js
     Ok((kind, Body::new(Chunks(receiver))).into_response())
 }
 
-/// Returns the items of the body.
-fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
-    let mut items = Vec::new();
-    let range_of = |part: &[u8]| {
-        let start = part.as_ptr() as usize - bytes.as_ptr() as usize;
-        start..start + part.len()
-    };
-    match format {
-        Format::NdJson => {
-            let mut rest = &bytes[..];
-            for line in 1.. {
-                let text = rest;
-                let length = rest.skip_until(b'\n').map_err(|error| AppError::internal(&error))?;
-                if length == 0 {
-                    break;
-                }
-                let text = text[..length].strip_suffix(b"\n").unwrap_or(&text[..length]);
-                if !text.iter().all(u8::is_ascii_whitespace) {
-                    items.push(Item { range: range_of(text), line: Some(line) });
-                }
-            }
-        }
-        Format::Json => {
-            let parts: Vec<&RawValue> = serde_json::from_slice(bytes).map_err(|error| {
-                let mut faults = Faults::new();
-                let is_json = serde_json::from_slice::<serde::de::IgnoredAny>(bytes).is_ok();
-                if is_json {
-                    faults.add(format!("{NO_ARRAY}, found another value"));
-                    return AppError::faulty(faults);
-                }
-                faults.add(format!("{}; {NO_ARRAY}", why_not_json(bytes, &error)));
-                AppError::malformed(faults)
-            })?;
-            let range = |part: &RawValue| range_of(part.get().as_bytes());
-            items.extend(parts.into_iter().map(|part| Item { range: range(part), line: None }));
-        }
-    }
-    if items.is_empty() || items.len() > LIMITS.grade_batch_logs {
-        let mut faults = Faults::new();
-        faults.add(format!("{} logs; expected 1 to {}", items.len(), LIMITS.grade_batch_logs));
-        return Err(AppError::faulty(faults));
-    }
-    Ok(items)
-}
-
 struct Batch {
     state: AppState,
     who: Arc<str>,
@@ -187,12 +137,6 @@ struct Batch {
     next: AtomicUsize,
     /// Permits to grade outside the time slices. Whoever waits for one does not wait in a lane, where time counts.
     grading: Semaphore,
-}
-
-/// A request in the body: its bytes, and its line if the body is NDJSON.
-struct Item {
-    range: Range<usize>,
-    line: Option<u64>,
 }
 
 /// What a time slice on the short lane did.

@@ -4,5 +4,6 @@
 
 pub mod adapters;
 pub mod batch;
+mod batch_items;
 pub mod single;
 pub mod structure;

@@ -1,5 +1,7 @@
 //! Synchronous grading of one log.
 
+use std::sync::Arc;
+
 use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderName, HeaderValue};
@@ -14,6 +16,7 @@ use crate::app::submissions::posted::Format;
 use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
+use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Header that says whether the result came from the cache.
 pub const CACHE_HEADER: HeaderName = HeaderName::from_static("x-plumbline-cache");
@@ -48,13 +51,17 @@ pub async fn grade(State(state): State<AppState>, caller: Caller, body: JsonBody
     }
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let catalogue = state.catalogue();
-    let request = if bytes.len() <= QUICK_BYTES {
-        ReadRequest::read(&bytes, &catalogue)?
-    } else {
-        let reading = tokio::task::spawn_blocking(move || ReadRequest::read(&bytes, &catalogue));
-        reading.await.map_err(|error| AppError::internal(&error))??
+    let read = |catalogue: Arc<Catalogue>| {
+        let bytes = bytes.clone();
+        async move {
+            if bytes.len() <= QUICK_BYTES {
+                return ReadRequest::read(&bytes, &catalogue);
+            }
+            let reading = tokio::task::spawn_blocking(move || ReadRequest::read(&bytes, &catalogue));
+            reading.await.map_err(|error| AppError::internal(&error))?
+        }
     };
+    let request = state.with_catalogue(read).await?;
     let prepared = request.prepare(&state, who).await.map_err(AppError::without_reward_where_ours)?;
     let (graded, is_cached) = prepared.grade(&state, who).await?;
     let outcome = HeaderValue::from_static(if is_cached { "hit" } else { "miss" });

@@ -1,9 +1,12 @@
 //! Synchronous grading of a structure file.
 
+use std::sync::Arc;
+
 use axum::Json;
 use axum::extract::State;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use bytes::Bytes;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -16,6 +19,7 @@ use crate::http::extract::params::{Params, position};
 use crate::http::state::AppState;
 use crate::http::submissions::structure::StructureFile;
 use crate::store::keys::Scope;
+use plumbline_engine::tasks::catalogue::Catalogue;
 
 /// Query parameters of a structure file to grade.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -97,10 +101,15 @@ pub async fn grade_structure(
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let request = query.request(&body.bytes)?;
-    let catalogue = state.catalogue();
-    let reading = tokio::task::spawn_blocking(move || ReadRequest::read(request.to_string().as_bytes(), &catalogue));
-    let request = reading.await.map_err(|error| AppError::internal(&error))?.map_err(placed)?;
+    let request = Bytes::from(query.request(&body.bytes)?.to_string());
+    let read = |catalogue: Arc<Catalogue>| {
+        let request = request.clone();
+        async move {
+            let reading = tokio::task::spawn_blocking(move || ReadRequest::read(&request, &catalogue));
+            reading.await.map_err(|error| AppError::internal(&error))?
+        }
+    };
+    let request = state.with_catalogue(read).await.map_err(placed)?;
     let prepared = request.prepare(&state, who).await.map_err(|error| placed(error.without_reward_where_ours()))?;
     Ok(Json(prepared.grade(&state, who).await?.0))
 }

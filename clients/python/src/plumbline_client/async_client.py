@@ -15,7 +15,7 @@ from . import async_resources, calls, errors, models
 from .batches import Batch, Request, item
 from .calls import Attempts, Profile, Retries, Track
 from .client import ENDED, LIMITS, SETTLED, address, own_headers
-from .events import EventReader
+from .events import EventReader, Lines
 
 T = TypeVar("T")
 
@@ -131,13 +131,19 @@ class AsyncEvents:
                     async for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
                         if (event := reader.read(line)) is not None:
                             yield event
-                    if run is not None or submission is not None:
+                    # The service also ends a stream when it stops.
+                    if await self._has_ended(run, submission):
                         return
                     break
                 except errors.PlumblineError as error:
                     if reader.last_id != seen:
                         break
                     await asyncio.sleep(attempts.delay(error, was_sent=True))
+
+    async def _has_ended(self, run: str | UUID | None, submission: str | UUID | None) -> bool:
+        if submission is not None:
+            return (await self._client.submissions.get(submission)).state in SETTLED
+        return run is not None and (await self._client.runs.get(run)).state in ENDED
 
 
 class AsyncClient:
@@ -228,7 +234,7 @@ class AsyncClient:
         body: bytes | None,
         headers: Mapping[str, str] | None = None,
         params: Mapping[str, Any] | None = None,
-    ) -> AsyncIterator[str]:
+    ) -> AsyncIterator[bytes]:
         sent = {"content-type": calls.JSON_LINES} if body is not None else {}
         request = self._http.build_request(
             method, path, content=body, params=calls.parameters(params), headers={**sent, **(headers or {})}
@@ -239,7 +245,11 @@ class AsyncClient:
                 if response.status_code != 200:
                     await response.aread()
                     calls.read(calls.ANY, response)
-                async for line in response.aiter_lines():
+                lines = Lines()
+                async for chunk in response.aiter_bytes():
+                    for line in lines.take(chunk):
+                        yield line
+                for line in lines.rest():
                     yield line
             finally:
                 await response.aclose()

@@ -30,6 +30,8 @@ class Batch:
             index: request if isinstance(request, bytes) else written(request) for index, request in enumerate(requests)
         }
         self._sent: list[int] = []
+        # What the service said about those that wait.
+        self._failures: dict[int, dict[str, Any]] = {}
 
     @property
     def is_done(self) -> bool:
@@ -47,13 +49,17 @@ class Batch:
             size += len(line) + 1
         return b"\n".join(self._waiting[index] for index in self._sent)
 
-    def take(self, line: str | bytes) -> dict[str, Any] | None:
+    def take(self, line: bytes) -> dict[str, Any] | None:
         """Takes a line of the answer. Returns the item with the index of its log in the batch, or None if the service
         failed for the time being, so that the log is sent again."""
-        item: dict[str, Any] = from_json(line)
+        try:
+            item: dict[str, Any] = from_json(line)
+        except ValueError as error:
+            raise errors.UnreadableAnswer(f"a result cannot be read: {error}") from error
         index = self._sent[item["index"]]
         error = item.get("error")
         if error is not None and error.get("retryable") and error.get("type", "").rsplit(":", 1)[-1] != "deadline":
+            self._failures[index] = error
             return None
         self._waiting.pop(index)
         item["index"] = index
@@ -63,7 +69,8 @@ class Batch:
         """Returns an item without a reward for each log that still waits."""
         problem = error.problem if isinstance(error, errors.ApiError) else unreached(error)
         told = problem.model_dump(mode="json", exclude_none=True)
-        left = [{"index": i, "status": problem.status, "reward": None, "error": told} for i in self._waiting]
+        whys = ((i, self._failures.get(i, told)) for i in self._waiting)
+        left = [{"index": i, "status": why["status"], "reward": None, "error": why} for i, why in whys]
         self._waiting.clear()
         return left
 

@@ -14,7 +14,7 @@ import httpx
 from . import calls, errors, models, resources
 from .batches import Batch, Request, item
 from .calls import Attempts, Profile, Retries, Track
-from .events import EventReader
+from .events import EventReader, Lines
 
 T = TypeVar("T")
 
@@ -131,13 +131,19 @@ class Events:
                     for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
                         if (event := reader.read(line)) is not None:
                             yield event
-                    if run is not None or submission is not None:
+                    # The service also ends a stream when it stops.
+                    if self._has_ended(run, submission):
                         return
                     break
                 except errors.PlumblineError as error:
                     if reader.last_id != seen:
                         break
                     time.sleep(attempts.delay(error, was_sent=True))
+
+    def _has_ended(self, run: str | UUID | None, submission: str | UUID | None) -> bool:
+        if submission is not None:
+            return (self._client.submissions.get(submission)).state in SETTLED
+        return run is not None and (self._client.runs.get(run)).state in ENDED
 
 
 class Client:
@@ -228,7 +234,7 @@ class Client:
         body: bytes | None,
         headers: Mapping[str, str] | None = None,
         params: Mapping[str, Any] | None = None,
-    ) -> Iterator[str]:
+    ) -> Iterator[bytes]:
         """Yields the lines of a streamed answer."""
         sent = {"content-type": calls.JSON_LINES} if body is not None else {}
         # An idle stream of events says every 15 seconds that it is alive.
@@ -241,7 +247,10 @@ class Client:
                 if response.status_code != 200:
                     response.read()
                     calls.read(calls.ANY, response)
-                yield from response.iter_lines()
+                lines = Lines()
+                for chunk in response.iter_bytes():
+                    yield from lines.take(chunk)
+                yield from lines.rest()
             finally:
                 response.close()
         except httpx.TransportError as broken:

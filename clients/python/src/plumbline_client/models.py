@@ -891,6 +891,11 @@ class Limits(BaseModel):
     """
     Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     """
+    free_json_values: Annotated[int, Field(ge=0)]
+    """
+    Values in a body, or a member of it, that has no shape of its own, such as metadata or an inline task. An object
+    counts as 16 more.
+    """
     ndjson_lines: Annotated[int, Field(ge=0)]
     """
     Submissions in one NDJSON body.
@@ -1146,6 +1151,18 @@ class Limits(BaseModel):
     """
     Seconds for which action code of a request to grade may wait and run, but for batches; then it is refused with 503.
     """
+    grade_seconds: Annotated[int, Field(ge=0)]
+    """
+    Seconds from the beginning of a request for a reward until its log is graded; then it is refused with 503.
+    """
+    reward_weight_min: float
+    """
+    Least weight above 0 of a criterion in a reward.
+    """
+    reward_weight_max: float
+    """
+    Greatest weight of a criterion in a reward.
+    """
     grade_cache_bytes: Annotated[int, Field(ge=0)]
     """
     Bytes of memory for the cache of results of `/v1/grade`, by log and task, unless `serve` sets another limit.
@@ -1360,6 +1377,10 @@ class Limits(BaseModel):
     grading_attempts: int
     """
     Attempts to grade a submission before it ends as `grader_error`.
+    """
+    disk_room_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes that must be free on the disk of a database file; with less, `/readyz` says that the node is not ready.
     """
 
 

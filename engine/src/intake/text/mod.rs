@@ -147,6 +147,10 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
         Some(fence) if !fence.language.is_empty() => {
             format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
         }
+        _ if text.trim().is_empty() => "the answer has no text; what a tool call says is not read".to_owned(),
+        _ if text.trim_start().starts_with('/') => {
+            "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')".to_owned()
+        }
         _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
     }
 }
@@ -282,6 +286,8 @@ mod tests {
     fn what_is_no_answer_is_told() {
         for (text, why) in [
             ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
+            (" \n", "the answer has no text; what a tool call says is not read"),
+            ("/fill 0 0 0 4 4 0 stone", "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')"),
             (
                 "<think>{\"events\": []}",
                 "the answer ends inside a thinking tag that is never closed: <think> in line 1",

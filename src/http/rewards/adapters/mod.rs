@@ -6,18 +6,24 @@ pub mod openrlhf;
 
 use serde_json::{Map, Value};
 
+use crate::app::rewards::scheme::scheme_named;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::text::nearest;
 
 /// Adds a fault for each member that looks like a misspelling of a missing option, which the trainer believes to have
 /// set. A dataset has fields of its own, so an option of up to 8 characters allows one edit, and a longer one three. A
 /// plural is another name, and so are a few words of data sets.
+///
+/// Where no scheme is given, no member whose name begins with "reward" may hold the name of one.
 fn add_misspelt(object: &Map<String, Value>, missing: &[&str], faults: &mut Faults) {
-    for key in object.keys().filter(|key| !missing.contains(&key.as_str())) {
+    let scheme = missing.iter().copied().find(|option| ["reward", "reward_scheme"].contains(option));
+    for (key, value) in object.iter().filter(|(key, _)| !missing.contains(&key.as_str())) {
         let allowed = |option: &str| if option.len() > 8 { 3 } else { 1 };
-        let meant = nearest(key, missing.iter().copied(), allowed);
         let is_own = |meant: &str| ["schema", "site"].contains(&key.as_str()) || key.strip_suffix('s') == Some(meant);
-        if let Some(meant) = meant.filter(|meant| !is_own(meant)) {
+        let near = nearest(key, missing.iter().copied(), allowed).filter(|meant| !is_own(meant));
+        let is_other = key.starts_with("reward") && key != "reward" && !key.starts_with("reward_sche");
+        let holds_scheme = is_other && value.as_str().is_some_and(|name| scheme_named(name).is_some());
+        if let Some(meant) = near.or(scheme.filter(|_| holds_scheme)) {
             faults.add_at(key, format!("unknown; did you mean {meant}?"));
         }
     }

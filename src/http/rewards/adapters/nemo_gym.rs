@@ -9,11 +9,13 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
+use serde::de::DeserializeSeed as _;
 use serde_json::{Map, Value, json};
 
 use super::add_misspelt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
+use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::scheme::SchemeBody;
@@ -167,17 +169,22 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let catalogue = state.catalogue();
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
         AppResult::Ok((request, naming, texts, body.share))
     });
     let (request, naming, texts, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let catalogue = match naming.get("suite").and_then(Value::as_str) {
+        Some(suite) if state.catalogue().suite(suite).is_none() => state.current_catalogue().await?,
+        _ => state.catalogue(),
+    };
     let graded = judge(&state, who, &catalogue, &naming, texts).await;
     let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
     // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
+    // What an earlier response said does not hold for this one.
+    answer.retain(|key, _| !is_told(key));
     answer.insert("reward".to_owned(), graded.reward.into());
     answer.insert("mask_sample".to_owned(), false.into());
     let components = serde_json::to_value(&graded.components).map_err(|error| AppError::internal(&error))?;
@@ -196,11 +203,13 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
 }
 
 pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
-    let mut faults = Faults::new();
-    match serde_json::from_slice(text) {
-        Ok(Value::Object(request)) => Ok(request),
+    let (mut faults, mut room) = (Faults::new(), Room::new());
+    let mut document = serde_json::Deserializer::from_slice(text);
+    let read = FreeJson(&mut room).deserialize(&mut document);
+    match read.and_then(|value| document.end().map(|()| value)) {
+        Ok(Value::Object(request)) if room.fault().is_none() => Ok(request),
         Ok(_) => {
-            faults.add("expected an object");
+            faults.add(room.fault().unwrap_or_else(|| "expected an object".to_owned()));
             Err(AppError::faulty(faults))
         }
         Err(error) => {
@@ -246,23 +255,29 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
     // A dataset may have a member of this name for something else, which is no text.
     let profile = find("profile").filter(Value::is_string);
-    // Labels for other frameworks call it `scheme`, or `reward`, which at the top level is the reward of an earlier
-    // response.
+    // Labels for other frameworks call it `scheme`, or `reward`, which as a number at the top level is the reward of an
+    // earlier response.
     let is_scheme = |value: &&Value| value.is_string() || value.get("weights").is_some();
     let named = |object: &Map<String, Value>, key| object.get(key).filter(is_scheme).cloned();
     let scheme = find("reward_scheme")
         .or_else(|| {
             std::iter::once(request).chain(parts.iter().map(|(_, object)| *object)).find_map(|own| named(own, "scheme"))
         })
-        .or_else(|| parts.iter().find_map(|(_, object)| named(object, "reward")));
+        .or_else(|| parts.iter().map(|(_, own)| *own).chain([request]).find_map(|own| named(own, "reward")));
     let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }
 
 /// Whether a member may come from an earlier response of this service, which may be sent for verification again.
 fn is_own(key: &str) -> bool {
+    key == "response" || key == "responses_create_params" || is_told(key)
+}
+
+/// Whether a response of this service tells a result in this member.
+fn is_told(key: &str) -> bool {
     let component = |name: &str| name == "overall" || Criterion::ALL.iter().any(|criterion| criterion.name() == name);
-    key == "response" || key == "responses_create_params" || key.strip_prefix("reward_").is_some_and(component)
+    matches!(key, "reward_components" | "failure_reason" | "action_code")
+        || key.strip_prefix("reward_").is_some_and(component)
 }
 
 /// Returns the texts of the assistant's messages, in order, from a Responses object or a chat completion.

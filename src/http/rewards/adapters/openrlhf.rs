@@ -9,12 +9,14 @@ use std::time::Instant;
 use axum::Json;
 use axum::extract::State;
 use futures_util::{StreamExt as _, TryStreamExt as _, stream};
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeSeed as _, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use super::add_misspelt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
+use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::in_time::graded_in_time;
@@ -47,7 +49,19 @@ pub struct RewardQuery {
     /// The task of each sample: its id, its number, or JSON with `task`, `suite`, `reward` and `profile`, as an object
     /// or as text.
     #[schema(value_type = Vec<LabelBody>)]
+    #[serde(deserialize_with = "labels")]
     pub labels: Vec<Value>,
+}
+
+/// Reads the labels of a request.
+fn labels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Value>, D::Error> {
+    let mut room = Room::new();
+    let labels = FreeJson(&mut room).deserialize(deserializer)?;
+    match (labels, room.fault()) {
+        (_, Some(why)) => Err(D::Error::custom(why)),
+        (Value::Array(labels), None) => Ok(labels),
+        _ => Err(D::Error::custom("expected an array of labels")),
+    }
 }
 
 /// Label of a sample, which names its task.

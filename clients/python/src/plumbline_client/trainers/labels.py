@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..refused import clean
@@ -39,10 +39,20 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     return {**named, "answer": ["" if text is None else clean(text) for text in texts]}
 
 
-def refuse_misspelt(names: Iterable[str]) -> None:
-    """Raises ValueError if a name is a slip away from one that is not there. A plural is another name."""
+def is_scheme(value: object) -> bool:
+    """Whether a value says how a sample is rewarded, and is no reward."""
+    return value in ("strict", "shaped", "mean") or (isinstance(value, Mapping) and "weights" in value)
+
+
+def refuse_misspelt(members: Mapping[str, Any]) -> None:
+    """Raises ValueError if a name is a slip away from one that is not there, or if it begins with `reward` and
+    holds a scheme where none is given. Another plural is another name.
+    """
     known = {*MEMBERS, *SCHEMES}
-    given = set(names)
+    given = set(members)
+    for name in given - known:
+        if not given & set(SCHEMES) and str(name).startswith("reward") and is_scheme(members[name]):
+            raise ValueError(f"{name!r} is unknown; did you mean reward?")
     missing = known - given - (set(SCHEMES) if given & set(SCHEMES) else set())
     for name in given - known - WORDS:
         for meant in missing:

@@ -13,9 +13,11 @@ from typing import Any
 from .. import errors
 from ..batches import Request
 from ..models import Problem
-from .labels import CRITERIA, components, refuse_misspelt, request
+from .labels import CRITERIA, components, is_scheme, refuse_misspelt, request
 from .loops import coalescer
 
+THOUGHTS = ("reasoning", "thinking")
+"""Types of parts that are no answer."""
 LOGGER = logging.getLogger(__name__)
 
 
@@ -35,8 +37,12 @@ async def plumbline(
     Raises an error if the data set is wrong: if a row names no task of the suite, or a column looks like one of these
     misspelt.
     """
+    # Data sets for other frameworks call it otherwise; a column of numbers is their own.
+    named = (columns.get(name) for name in ("reward_scheme", "reward"))
+    scheme = scheme or next((column for column in named if column and is_scheme(column[0])), None)
     given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
-    refuse_misspelt([*columns, *(name for name, column in given.items() if column is not None)])
+    firsts = {name: column[0] if isinstance(column, list) and column else None for name, column in columns.items()}
+    refuse_misspelt({**firsts, **{name: None for name, column in given.items() if column is not None}})
     requests: list[Request] = []
     for index, completion in enumerate(completions):
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
@@ -80,5 +86,6 @@ def texts_of(completion: Any) -> list[str]:
 def text_of(content: Any) -> str:
     """Returns the text of a message's content, which may come in parts."""
     if isinstance(content, list):
-        return "".join(part.get("text") or "" for part in content if isinstance(part, dict))
+        parts = (part for part in content if isinstance(part, dict) and part.get("type") not in THOUGHTS)
+        return "".join(part.get("text") or "" for part in parts)
     return content or ""

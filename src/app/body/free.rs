@@ -1,0 +1,147 @@
+//! Free JSON: values that have no shape of their own, read into a bounded amount of memory.
+//!
+//! A few bytes of text can become hundreds in memory, and a few bytes of a compressed body thousands of such values. So
+//! values are counted while they are read, and what is beyond the limit is skipped.
+
+use std::fmt;
+
+use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Value};
+
+use crate::app::limits::LIMITS;
+
+/// What an object counts for, beside its members: it takes as much memory as so many plain values.
+const OBJECT: usize = 16;
+
+/// Room for free JSON, for one body.
+#[derive(Debug)]
+pub struct Room {
+    left: usize,
+    is_exceeded: bool,
+}
+
+impl Room {
+    /// Returns the room of a body: `free_json_values`.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { left: LIMITS.free_json_values, is_exceeded: false }
+    }
+
+    /// Returns the fault if there was more than fits; what was read is then incomplete.
+    #[must_use]
+    pub fn fault(&self) -> Option<String> {
+        let most = LIMITS.free_json_values;
+        self.is_exceeded.then(|| format!("more than {most} values, where an object counts as {OBJECT} more"))
+    }
+
+    fn take(&mut self, values: usize) {
+        self.is_exceeded |= values > self.left;
+        self.left = self.left.saturating_sub(values);
+    }
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Reads a value of free JSON. Null stands for what has no room.
+#[derive(Debug)]
+pub struct FreeJson<'r>(pub &'r mut Room);
+
+impl<'de> DeserializeSeed<'de> for FreeJson<'_> {
+    type Value = Value;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Value, D::Error> {
+        self.0.take(1);
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for FreeJson<'_> {
+    type Value = Value;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_string<E>(self, value: String) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Value, A::Error> {
+        let mut array = Vec::new();
+        while !self.0.is_exceeded
+            && let Some(element) = elements.next_element_seed(FreeJson(self.0))?
+        {
+            array.push(element);
+        }
+        while elements.next_element::<IgnoredAny>()?.is_some() {}
+        Ok(Value::Array(array))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Value, A::Error> {
+        self.0.take(OBJECT);
+        let mut object = Map::new();
+        while !self.0.is_exceeded
+            && let Some(name) = members.next_key::<String>()?
+        {
+            object.insert(name, members.next_value_seed(FreeJson(self.0))?);
+        }
+        while members.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+        Ok(Value::Object(object))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> (Value, bool) {
+        let mut room = Room::new();
+        let value = FreeJson(&mut room).deserialize(&mut serde_json::Deserializer::from_str(text)).unwrap();
+        (value, room.fault().is_none())
+    }
+
+    #[test]
+    fn values_come_as_serde_reads_them() {
+        let text =
+            r#"{"a": [null, true, -1, 18446744073709551615, 1e300, 0.1, "\u2028"], "": {"a": {}, "b": []}, "a b": 1}"#;
+        assert_eq!(read(text), (serde_json::from_str(text).unwrap(), true));
+    }
+
+    #[test]
+    fn values_without_room_are_skipped() {
+        let most = LIMITS.free_json_values;
+        let list = |element: &str, count: usize| format!("[{}]", vec![element; count].join(","));
+        assert!(read(&list("0", most - 1)).1);
+        assert!(!read(&list("0", most)).1);
+        let (value, fits) = read(&list(r#"{"":[[]]}"#, most));
+        assert!(!fits && value.as_array().unwrap().len() <= most / OBJECT);
+    }
+}
