@@ -114,5 +114,7 @@ pub fn describe_metrics() {
         ("checks_version", plumbline_engine::checks::CHECKS_VERSION.to_string()),
     ];
     metrics::gauge!("plumbline_build_info", &labels).set(1.0);
-    FROM_ZERO.into_iter().for_each(|name| metrics::counter!(name).increment(0));
+    for name in FROM_ZERO {
+        metrics::counter!(name).increment(0);
+    }
 }

@@ -76,7 +76,7 @@ pub struct App {
     pub actions: Pool,
     /// Slots for structure files that are unpacked.
     pub file_slots: Arc<FairSlots>,
-    /// Slots for requests whose action code runs or waits.
+    /// Permits for requests whose action code runs or waits.
     pub action_requests: Arc<PermitPool>,
     /// Signs receipts; none on a node that lacks the secrets.
     pub signer: Option<Arc<Signer>>,

@@ -231,11 +231,10 @@ struct Taken {
 /// Takes the first job of a lane that is free, whose lease has expired, or whose lease begins in the future, as after a
 /// clock was set back.
 ///
-/// On PostgreSQL, jobs that another node is taking are passed over. A lease that began a moment after this statement is
-/// none of a clock that was set back, so only one that begins more than a minute later counts as such. Rounds far below
-/// the lane's hold only jobs that were taken before, or that were accepted very slowly. They are looked
-/// through only if `is_thorough` is set, because the index keeps the entries of deleted jobs for as long as any
-/// transaction is open.
+/// On PostgreSQL, jobs that another node is taking are passed over. A lease may begin a moment after this statement; only
+/// one that begins more than a minute later shows that a clock was set back. Rounds far below the lane's hold only jobs
+/// that were taken before, or that were accepted very slowly. They are looked through only if `is_thorough` is set,
+/// because the index keeps the entries of deleted jobs for as long as any transaction is open.
 async fn take_first(
     tx: &mut Tx,
     lane: Lane,

@@ -4,12 +4,12 @@
 //! number. When a lease expires, the job is taken again; after [`MAX_ATTEMPTS`] attempts the submission visibly ends as
 //! `grader_error`.
 
-use super::compression::decompress;
 use super::db::{Each, Tx, query, query_as, query_scalar};
 use super::job_ends::{End, MAX_ATTEMPTS};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
 use super::states::SubmissionState;
+use super::submissions::stored_log;
 use super::{Store, StoreError, StoreResult, commit};
 use crate::clock::now_ms;
 use plumbline_engine::tasks::Task;
@@ -67,8 +67,7 @@ impl Claim {
     /// # Errors
     /// Returns an error if the stored bytes cannot be read.
     pub fn read_log(&self) -> StoreResult<BlockLog> {
-        let json = decompress("submissions", &self.log)?;
-        BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
+        stored_log(&self.log)
     }
 }
 

@@ -1,7 +1,6 @@
 //! Regrades: computed alongside the results in force, reviewed, then applied or discarded as a whole.
 
 use super::board_actions::enter_action;
-use super::compression::decompress;
 use super::db::{Builder, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::postgres::notices::Notice;
@@ -9,6 +8,7 @@ use super::reports::{GRADER, PackedReport};
 use super::results::problems_of;
 use super::rows::from_row;
 use super::run_ends::set_result;
+use super::submissions::stored_log;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::checks::CHECKS_VERSION;
 use plumbline_engine::grading::ProblemScores;
@@ -52,8 +52,7 @@ impl ToRegrade {
     /// # Errors
     /// Returns an error if the stored bytes cannot be read.
     pub fn read_log(&self) -> StoreResult<BlockLog> {
-        let json = decompress("submissions", &self.log)?;
-        BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
+        stored_log(&self.log)
     }
 }
 

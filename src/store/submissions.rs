@@ -5,7 +5,16 @@ use super::db::{Row, query, query_as, query_scalar};
 use super::queue::Lane;
 use super::states::SubmissionState;
 use super::{Store, StoreError, StoreResult};
-use plumbline_engine::voxel::Profile;
+use plumbline_engine::voxel::{BlockLog, Profile};
+
+/// Reads a log from its stored bytes.
+///
+/// # Errors
+/// Returns an error if they cannot be read.
+pub(super) fn stored_log(bytes: &[u8]) -> StoreResult<BlockLog> {
+    let json = decompress("submissions", bytes)?;
+    BlockLog::from_canonical_json(&json).map_err(|error| StoreError::corrupt("submissions", error))
+}
 
 /// Log as it is stored: canonical JSON, compressed.
 #[derive(Debug, Clone)]

@@ -12,11 +12,12 @@ use sha2::{Digest as _, Sha256};
 use sqlx::AssertSqlSafe;
 
 use super::blobs::Blobs;
-use super::compression::{compress, decompress};
+use super::compression::compress;
 use super::db::{Dialect, Pool, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
 use super::queue::{Lane, NewJob, enter};
+use super::submissions::stored_log;
 use super::suites::content_hash;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, postgres, schema, sqlite};
@@ -258,8 +259,7 @@ async fn enqueue_unfinished(tx: &mut Tx, lane_of: fn(&Task, &BlockLog) -> Lane) 
                 .fetch_one(&mut *tx)
                 .await?;
         let task: Task = serde_json::from_str(&task).map_err(|error| StoreError::corrupt("tasks", error))?;
-        let log = BlockLog::from_canonical_json(&decompress("submissions", &log)?)
-            .map_err(|error| StoreError::corrupt("submissions", error))?;
+        let log = stored_log(&log)?;
         let job = NewJob { submission_id: &id };
         enter(tx, lane_of(&task, &log), owner.as_deref().unwrap_or_default(), &[job], created_at_ms).await?;
     }

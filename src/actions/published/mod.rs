@@ -203,8 +203,7 @@ fn begin<'js>(
         let value: Value<'js> = ctx.eval_with_options(script.text.as_str(), options)?;
         let module: Object<'js> = given.get("module")?;
         let bot: Value<'js> = given.get("bot")?;
-        let exported: Option<Value<'js>> = script.exported.as_ref().map(|name| ctx.globals().get(name)).transpose()?;
-        for candidate in exported.into_iter().chain([value, module.get("exports")?]) {
+        for candidate in [value, module.get("exports")?] {
             // If it returns a promise that is rejected and not handled, that is reported like any other.
             if let Some(main) = candidate.as_function() {
                 recorder.borrow_mut().has_main = true;
@@ -286,14 +285,24 @@ mod tests {
     }
 
     #[test]
-    fn an_exported_function_is_called_with_a_name_or_without() {
+    fn exported_expressions_are_called_and_declarations_only_defined() {
         let place = "{ skills.placeBlock(bot, 'stone', 1, 0, 0); }";
-        for head in ["function (bot)", "function build(bot)", "async function(bot)", "async (bot) =>", "(bot) =>"] {
-            let done = ran(&format!("export default {head} {place}"));
+        for head in ["async (bot) =>", "(bot) =>", "(function (bot)"] {
+            let end = if head.starts_with('(') && head.contains("function") { ")" } else { "" };
+            let done = ran(&format!("export default {head} {place}{end}"));
             assert_eq!((done.events.len(), done.error), (1, None), "{head}");
         }
-        let error = ran("export default function (bot) { nothing() }").error.unwrap();
-        assert_eq!((error.line, error.column), (Some(1), Some(33)), "{error:?}");
+        for head in ["function build(bot)", "async function build(bot)"] {
+            let done = ran(&format!("export default {head} {place}"));
+            assert_eq!((done.events.len(), done.error), (0, None), "{head}");
+            assert!(done.notes.iter().any(|note| note.contains("build(bot)")), "{:?}", done.notes);
+        }
+        let done = ran(&format!("export default function (bot) {place}"));
+        assert!(done.unreadable && done.notes.iter().any(|note| note.contains("without a name")), "{done:?}");
+        let done = ran(&format!("// export default\nexport default (bot) => {place}"));
+        assert!(done.unreadable, "only the first is taken out: {done:?}");
+        let error = ran("export default (bot) => { nothing() }").error.unwrap();
+        assert_eq!((error.line, error.column), (Some(1), Some(27)), "{error:?}");
         let done = ran("import fs from 'fs'; export default (bot) => {}");
         assert!(done.unreadable && done.notes.iter().any(|note| note.contains("not as a module")), "{done:?}");
     }

@@ -3,8 +3,6 @@
 use rquickjs::Ctx;
 
 const EXPORT: &str = "export default";
-/// Name given to an exported function that has none. With a space it is shorter than [`EXPORT`], whose place it takes.
-const NAMELESS: &str = "exportedMain";
 /// Number of functions that a hint names.
 const MOST_NAMED: usize = 3;
 
@@ -13,32 +11,17 @@ const MOST_NAMED: usize = 3;
 pub struct Script {
     /// Text for the engine.
     pub text: String,
-    /// Name of the function declaration that the code exports. A declaration is not the value of a script.
-    pub exported: Option<String>,
+    /// What follows the words that were taken out; none if there were none.
+    export: Option<usize>,
 }
 
 impl Script {
-    /// Reads code. As in the published pipeline, `export default` is removed, which leaves a script whose value is the
-    /// exported expression. Spaces replace the words, so that column numbers stay correct.
+    /// Reads code. As in the published pipeline, the first `export default` of the text is taken out, which leaves a script
+    /// whose value is the exported expression. A function declaration has no value: it is defined, and not called.
+    /// Spaces replace the words, so that column numbers stay correct.
     pub fn of(code: &str) -> Self {
-        let Some(at) = place_of_export(code) else { return Self { text: code.to_owned(), exported: None } };
-        let (before, after) = (&code[..at], &code[at + EXPORT.len()..]);
-        let blank = " ".repeat(EXPORT.len());
-        let plain = |exported| Self { text: format!("{before}{blank}{after}"), exported };
-        let Some(rest) = after_word(after_word(after, "async").unwrap_or(after), "function") else {
-            return plain(None);
-        };
-        let name: String = rest.trim_start().chars().take_while(|c| is_part(*c)).collect();
-        if !name.is_empty() {
-            return plain(Some(name));
-        }
-        if !rest.trim_start().starts_with('(') {
-            return plain(None);
-        }
-        // Only a module may declare a function without a name.
-        let (words, indent) = (&after[..after.len() - rest.len()], &blank[NAMELESS.len() + 1..]);
-        let text = format!("{before}{indent}{words} {NAMELESS}{rest}");
-        Self { text, exported: Some(NAMELESS.to_owned()) }
+        let export = code.find(EXPORT).map(|at| at + EXPORT.len());
+        Self { text: code.replacen(EXPORT, &" ".repeat(EXPORT.len()), 1), export }
     }
 
     /// Returns hints for the author of code that is not JavaScript; `lacks_async` says that it awaits, and could be read as
@@ -47,6 +30,13 @@ impl Script {
         let mut hints = Vec::new();
         if lacks_async {
             hints.push("await is only valid in async functions: wrap the code in (async (bot) => { … })".to_owned());
+        }
+        if self.exports_nameless_function() {
+            hints.push(
+                "`export default` is taken out, and a function without a name is no statement: write export default \
+                 async (bot) => { … }"
+                    .to_owned(),
+            );
         }
         let is_of_module = |line: &str| {
             let line = line.trim_start();
@@ -63,16 +53,12 @@ impl Script {
         }
         hints
     }
-}
 
-/// Finds the export: the first one that begins a statement, or else the first one.
-fn place_of_export(code: &str) -> Option<usize> {
-    let begins_statement = |at: &usize| {
-        let line = code[..*at].rsplit('\n').next().unwrap_or_default().trim_end();
-        line.is_empty() || line.ends_with([';', '}'])
-    };
-    let places = || code.match_indices(EXPORT).map(|(at, _)| at);
-    places().find(begins_statement).or_else(|| places().next())
+    fn exports_nameless_function(&self) -> bool {
+        let after = self.export.map(|at| &self.text[at..]);
+        let after = after.and_then(|after| after_word(after_word(after, "async").unwrap_or(after), "function"));
+        after.is_some_and(|rest| rest.trim_start().starts_with('('))
+    }
 }
 
 /// Returns the text after a word and the space before it, if it begins with them.
@@ -130,18 +116,17 @@ mod tests {
     #[test]
     fn exports_become_scripts_in_which_every_place_stays() {
         let cases = [
-            ("export default (bot) => {}", "               (bot) => {}", None),
-            ("export default function build(bot) {}", "               function build(bot) {}", Some("build")),
-            ("export default function (bot) {}", "  function exportedMain (bot) {}", Some("exportedMain")),
-            ("export default async function(bot) {}", "  async function exportedMain(bot) {}", Some("exportedMain")),
-            ("export default functions", "               functions", None),
-            ("f(); export default f", "f();                f", None),
-            ("// export default is f\nexport default f", "// export default is f\n               f", None),
-            ("f", "f", None),
+            ("export default (bot) => {}", "               (bot) => {}", false),
+            ("export default function build(bot) {}", "               function build(bot) {}", false),
+            ("export default function (bot) {}", "               function (bot) {}", true),
+            ("export default async function(bot) {}", "               async function(bot) {}", true),
+            ("f(); export default f", "f();                f", false),
+            ("// export default\nexport default f", "//               \nexport default f", false),
+            ("f", "f", false),
         ];
-        for (code, text, exported) in cases {
+        for (code, text, is_nameless) in cases {
             let script = Script::of(code);
-            assert_eq!((script.text.as_str(), script.exported.as_deref()), (text, exported), "{code}");
+            assert_eq!((script.text.as_str(), script.exports_nameless_function()), (text, is_nameless), "{code}");
         }
     }
 

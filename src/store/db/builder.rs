@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::statement::{Columns, Query, Scalar, Text, Whole};
+use super::statement::{Columns, Query, Text, Whole};
 use super::value::Value;
 
 /// Statement under construction. Its text consists of constants; everything else is bound.
@@ -80,12 +80,6 @@ impl Builder {
     /// Ends a statement whose rows are read as tuples or structs.
     #[must_use]
     pub fn build_as(self) -> Query<Columns> {
-        Query::new(Text::built(self.sqlite, self.postgres), self.values)
-    }
-
-    /// Ends a statement whose rows have one column.
-    #[must_use]
-    pub fn build_scalar(self) -> Query<Scalar> {
         Query::new(Text::built(self.sqlite, self.postgres), self.values)
     }
 }

@@ -570,8 +570,8 @@ class AsyncWebhooks:
         object with `type`, `timestamp` and `data`, which is what `/v1/events` sends. Its headers are
         `webhook-id`, which is the same in every attempt, `webhook-timestamp` and `webhook-signature`. An
         endpoint that answers with a status from 200 to 299 has received it. After any other answer, or none,
-        the service tries again, ten times within three and a half days by default, and then keeps the message
-        as dead. 410 disables the webhook. Redirects are not followed.
+        the service tries again: it makes ten attempts within three and a half days by default, and then keeps
+        the message as dead. 410 disables the webhook. Redirects are not followed.
         """
         return await self._client._call(models.WebhookBody, "POST", "/v1/webhooks", json=given({"url": url, "events": events}))
 
