@@ -54,8 +54,8 @@ class Batch:
         failed for the time being, so that the log is sent again."""
         try:
             item: dict[str, Any] = from_json(line)
-        except ValueError as error:
-            raise errors.UnreadableAnswer(f"a result cannot be read: {error}") from error
+        except ValueError as cause:
+            raise errors.UnreadableAnswer(f"a result cannot be read: {cause}") from cause
         index = self._sent[item["index"]]
         error = item.get("error")
         if error is not None and error.get("retryable") and error.get("type", "").rsplit(":", 1)[-1] != "deadline":

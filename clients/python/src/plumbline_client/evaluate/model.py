@@ -197,8 +197,8 @@ class Model:
 
     def _without_key(self, text: str) -> str:
         """Endpoints repeat in their errors what they were sent."""
-        # A stand-in for a key, such as one letter, is no secret and occurs everywhere.
-        return text.replace(self._key, "…") if self._key and len(self._key) >= 8 else text
+        # A stand-in for a key, such as "x" or "EMPTY", is no secret and occurs in words.
+        return text.replace(self._key, "…") if self._key and len(self._key) > 5 else text
 
     def _request(self, messages: Sequence[Message], run: int) -> httpx.Request:
         sampling = self._sampling
