@@ -1,10 +1,11 @@
 //! Logs and metrics of the process.
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 
 /// Bucket bounds of the duration histograms, in seconds.
 const SECONDS: &[f64] = &[0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
@@ -26,6 +27,7 @@ pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
     let asked = asked.as_deref().map(EnvFilter::try_new).transpose();
     let (asked, fault) = asked.map_or_else(|error| (None, Some(error)), |filter| (filter, None));
     let filter = asked.unwrap_or_else(|| EnvFilter::new(default_filter));
+    let is_off = filter.max_level_hint() == Some(LevelFilter::OFF);
     let (writer, guard) = NonBlockingBuilder::default().lossy(true).finish(std::io::stderr());
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)
@@ -39,9 +41,14 @@ pub fn init_logs(format: LogFormat, default_filter: &str) -> WorkerGuard {
     if let Some(error) = fault {
         tracing::warn!(%error, "RUST_LOG is not a valid filter and is ignored; a filter has the form info,plumbline::request=warn");
     }
-    if !tracing::enabled!(tracing::Level::ERROR) {
-        // The log would not take it.
-        eprintln!("RUST_LOG lets no error of plumbline through; info,plumbline::request=warn is a filter that does");
+    if !is_off && !tracing::enabled!(tracing::Level::ERROR) {
+        let message = "RUST_LOG hides errors of the service; a filter has the form info,plumbline::request=warn";
+        let line = match format {
+            LogFormat::Text => message.to_owned(),
+            LogFormat::Json => serde_json::json!({ "level": "WARN", "message": message }).to_string(),
+        };
+        // The log would not take it, and nobody may read standard error.
+        let _ = writeln!(std::io::stderr(), "{line}");
     }
     if format == LogFormat::Json {
         std::panic::set_hook(Box::new(|panic| {
@@ -64,8 +71,8 @@ pub fn init_metrics() -> anyhow::Result<PrometheusHandle> {
     Ok(builder.install_recorder()?)
 }
 
-/// Counters that exist from the beginning. One that appears with its first event would hide this event from who watches
-/// its increase.
+/// Counters that exist from the beginning. A counter that appears with its first event hides that event from whoever
+/// watches its increase.
 const FROM_ZERO: [&str; 6] = [
     "plumbline_graded_total",
     "plumbline_grader_errors_total",

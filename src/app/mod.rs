@@ -177,22 +177,24 @@ impl App {
         self.store.current_catalogue().await
     }
 
-    /// Reads a request with the suites at hand, and once more if that fails and another process has added some.
+    /// Reads a request with the suites at hand, and once more if it names a suite or task that is not among them and
+    /// another process has added some.
     ///
     /// # Errors
-    /// Returns the error of the last reading.
+    /// Returns the error of the last reading, or an error if the database fails.
     pub async fn with_catalogue<T, F: Future<Output = AppResult<T>>>(
         &self,
         read: impl Fn(Arc<Catalogue>) -> F,
     ) -> AppResult<T> {
+        let names_one =
+            |error: &AppError| error.faults().iter().any(|fault| matches!(fault.pointer.as_str(), "/suite" | "/task"));
         let held = self.catalogue();
-        match read(Arc::clone(&held)).await {
-            Err(error) => match self.current_catalogue().await {
-                Ok(current) if !Arc::ptr_eq(&held, &current) => read(current).await,
-                _ => Err(error),
-            },
-            done => done,
+        let done = read(Arc::clone(&held)).await;
+        if !done.as_ref().is_err_and(names_one) {
+            return done;
         }
+        let current = self.current_catalogue().await?;
+        if Arc::ptr_eq(&held, &current) { done } else { read(current).await }
     }
 
     /// Finds a suite by its name, or by name and version, even if another process has added it.

@@ -45,8 +45,9 @@ async fn a_suite_is_imported_served_and_replaced_by_a_new_version() {
     assert!(said.contains("our-own@1, 2 problems") && said.contains("stored as our-own@1"), "{said}");
     let post = json!({ "task": 1, "suite": "our-own", "reward": "shaped",
                        "turns": [{ "palette": ["stone"], "rows": [[0, 0, 0, 0], [0, 1, 0, 0], [0, 2, 0, 0]] }] });
-    service.wait_for("/v1/tasks?suite=our-own", |page| page["total"] == 2).await;
+    // At once, although another process stored it.
     assert_eq!(service.post_json("/v1/grade", &post).await.json()["reward"], json!(1.0));
+    service.wait_for("/v1/tasks?suite=our-own", |page| page["total"] == 2).await;
     let run = service.begin_run("own", "our-own").await;
     assert_eq!(service.get(&format!("/v1/runs/{run}")).await.json()["suite"], "our-own@1");
     // What was stored stays; a change is a new version.
@@ -54,6 +55,9 @@ async fn a_suite_is_imported_served_and_replaced_by_a_new_version() {
     assert!(refused(&import()).contains("a change is a new version"));
     std::fs::write(files.join("suite.toml"), MANIFEST.replace("number = 1", "number = 2")).unwrap();
     succeeded(&import());
+    let answer = json!({ "turns": post["turns"] }).to_string();
+    let verify = json!({ "task": 1, "suite": "our-own@2", "response": { "output_text": answer } });
+    assert_eq!(service.post_json("/verify", &verify).await.json()["reward"], json!(1.0));
     for _ in 0..100 {
         if service.get("/v1/tasks?suite=our-own").await.json()["suite"] == "our-own@2" {
             break;

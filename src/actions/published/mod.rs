@@ -287,8 +287,7 @@ mod tests {
     #[test]
     fn exported_expressions_are_called_and_declarations_only_defined() {
         let place = "{ skills.placeBlock(bot, 'stone', 1, 0, 0); }";
-        for head in ["async (bot) =>", "(bot) =>", "(function (bot)"] {
-            let end = if head.starts_with('(') && head.contains("function") { ")" } else { "" };
+        for (head, end) in [("async (bot) =>", ""), ("(bot) =>", ""), ("(function (bot)", ")")] {
             let done = ran(&format!("export default {head} {place}{end}"));
             assert_eq!((done.events.len(), done.error), (1, None), "{head}");
         }

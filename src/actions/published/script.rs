@@ -11,7 +11,7 @@ const MOST_NAMED: usize = 3;
 pub struct Script {
     /// Text for the engine.
     pub text: String,
-    /// What follows the words that were taken out; none if there were none.
+    /// Byte of the text at which the words that were taken out ended; none if there were none.
     export: Option<usize>,
 }
 

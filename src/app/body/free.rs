@@ -20,29 +20,24 @@ pub struct Room {
     is_exceeded: bool,
 }
 
-impl Room {
+impl Default for Room {
     /// Returns the room of a body: `free_json_values`.
-    #[must_use]
-    pub const fn new() -> Self {
+    fn default() -> Self {
         Self { left: LIMITS.free_json_values, is_exceeded: false }
     }
+}
 
+impl Room {
     /// Returns the fault if there was more than fits; what was read is then incomplete.
     #[must_use]
     pub fn fault(&self) -> Option<String> {
         let most = LIMITS.free_json_values;
-        self.is_exceeded.then(|| format!("more than {most} values, where an object counts as {OBJECT} more"))
+        self.is_exceeded.then(|| format!("more than {most} values; an object counts as {OBJECT} more"))
     }
 
     fn take(&mut self, values: usize) {
         self.is_exceeded |= values > self.left;
         self.left = self.left.saturating_sub(values);
-    }
-}
-
-impl Default for Room {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -123,7 +118,7 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> (Value, bool) {
-        let mut room = Room::new();
+        let mut room = Room::default();
         let value = FreeJson(&mut room).deserialize(&mut serde_json::Deserializer::from_str(text)).unwrap();
         (value, room.fault().is_none())
     }

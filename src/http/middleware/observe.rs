@@ -122,7 +122,8 @@ fn id_of(headers: &HeaderMap) -> HeaderValue {
     static HASHES: LazyLock<RandomState> = LazyLock::new(RandomState::new);
     static NEXT: AtomicU64 = AtomicU64::new(1);
     // The id is logged, where no key may be.
-    let is_fit = |id: &&HeaderValue| !id.is_empty() && id.len() <= MAX_ID_BYTES && !id.as_bytes().starts_with(b"plk_");
+    let holds_key = |id: &HeaderValue| id.as_bytes().windows(4).any(|bytes| bytes == b"plk_");
+    let is_fit = |id: &&HeaderValue| !id.is_empty() && id.len() <= MAX_ID_BYTES && !holds_key(id);
     if let Some(id) = headers.get(REQUEST_ID).filter(is_fit) {
         return id.clone();
     }

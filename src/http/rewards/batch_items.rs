@@ -76,7 +76,7 @@ pub(super) fn split(bytes: &Bytes, format: Format) -> AppResult<Vec<Item>> {
     Ok(items)
 }
 
-/// The elements of an array, but none that are more than one too many.
+/// The first elements of an array: as many as a batch may have, and one more if there is one.
 struct Parts<'a>(Vec<&'a RawValue>);
 
 impl<'de> Deserialize<'de> for Parts<'de> {

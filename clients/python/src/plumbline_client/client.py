@@ -142,8 +142,8 @@ class Events:
 
     def _has_ended(self, run: str | UUID | None, submission: str | UUID | None) -> bool:
         if submission is not None:
-            return (self._client.submissions.get(submission)).state in SETTLED
-        return run is not None and (self._client.runs.get(run)).state in ENDED
+            return self._client.submissions.get(submission).state in SETTLED
+        return run is not None and self._client.runs.get(run).state in ENDED
 
 
 class Client:

@@ -148,11 +148,14 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
             format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
         }
         _ if text.trim().is_empty() => "the answer has no text; what a tool call says is not read".to_owned(),
-        _ if text.trim_start().starts_with('/') => {
-            "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')".to_owned()
-        }
+        _ if is_command(text) => "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')".to_owned(),
         _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
     }
+}
+
+/// Returns whether a text begins like a command, and not like a comment.
+fn is_command(text: &str) -> bool {
+    text.trim_start().strip_prefix('/').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_lowercase()))
 }
 
 /// Why JSON of another form is no answer.
@@ -287,6 +290,7 @@ mod tests {
         for (text, why) in [
             ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
             (" \n", "the answer has no text; what a tool call says is not read"),
+            ("// I cannot.", "there is neither a block log as JSON nor action code in the answer"),
             ("/fill 0 0 0 4 4 0 stone", "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')"),
             (
                 "<think>{\"events\": []}",

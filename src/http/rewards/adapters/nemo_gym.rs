@@ -175,11 +175,11 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
         AppResult::Ok((request, naming, texts, body.share))
     });
     let (request, naming, texts, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
-    let catalogue = match naming.get("suite").and_then(Value::as_str) {
-        Some(suite) if state.catalogue().suite(suite).is_none() => state.current_catalogue().await?,
-        _ => state.catalogue(),
-    };
-    let graded = judge(&state, who, &catalogue, &naming, texts).await;
+    if let Some(suite) = naming.get("suite").and_then(Value::as_str) {
+        // Another process may have added it.
+        state.find_suite(suite).await?;
+    }
+    let graded = judge(&state, who, &state.catalogue(), &naming, texts).await;
     let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
     // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
@@ -203,7 +203,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
 }
 
 pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
-    let (mut faults, mut room) = (Faults::new(), Room::new());
+    let (mut faults, mut room) = (Faults::new(), Room::default());
     let mut document = serde_json::Deserializer::from_slice(text);
     let read = FreeJson(&mut room).deserialize(&mut document);
     match read.and_then(|value| document.end().map(|()| value)) {

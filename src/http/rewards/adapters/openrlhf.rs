@@ -55,7 +55,7 @@ pub struct RewardQuery {
 
 /// Reads the labels of a request.
 fn labels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Value>, D::Error> {
-    let mut room = Room::new();
+    let mut room = Room::default();
     let labels = FreeJson(&mut room).deserialize(deserializer)?;
     match (labels, room.fault()) {
         (_, Some(why)) => Err(D::Error::custom(why)),

@@ -41,7 +41,9 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
 
 def is_scheme(value: object) -> bool:
     """Whether a value says how a sample is rewarded, and is no reward."""
-    return value in ("strict", "shaped", "mean") or (isinstance(value, Mapping) and "weights" in value)
+    if isinstance(value, Mapping):
+        return "weights" in value
+    return isinstance(value, str) and value in ("strict", "shaped", "mean")
 
 
 def refuse_misspelt(members: Mapping[str, Any]) -> None:

@@ -38,8 +38,9 @@ async def plumbline(
     misspelt.
     """
     # Data sets for other frameworks call it otherwise; a column of numbers is their own.
-    named = (columns.get(name) for name in ("reward_scheme", "reward"))
-    scheme = scheme or next((column for column in named if column and is_scheme(column[0])), None)
+    others = [columns.get(name) for name in ("reward_scheme", "reward")]
+    schemes = (column for column in others if isinstance(column, list) and any(map(is_scheme, column)))
+    scheme = scheme or next(schemes, None)
     given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
     firsts = {name: column[0] if isinstance(column, list) and column else None for name, column in columns.items()}
     refuse_misspelt({**firsts, **{name: None for name, column in given.items() if column is not None}})
