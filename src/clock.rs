@@ -1,26 +1,35 @@
 //! The wall clock, as the rest of the program reads it.
 
+pub mod steady;
+
 use jiff::Timestamp;
 
 /// Returns the current time in milliseconds since 1970 (UTC).
 #[must_use]
 pub fn now_ms() -> i64 {
-    Timestamp::now().as_millisecond() + set_off_ms()
+    wall_ms() + set_ms()[0]
 }
 
-/// Returns the offset that a test has given the clock, in milliseconds, from the file that `PLUMBLINE_TEST_CLOCK`
-/// names. Only in debug builds.
+/// Returns what the machine's clock says, in milliseconds since 1970: without the time travel of a test, but with the
+/// jump that it makes the clock take.
+fn wall_ms() -> i64 {
+    Timestamp::now().as_millisecond() + set_ms()[1]
+}
+
+/// Returns how far a test has moved the clock, in milliseconds: the time travel, and a jump. They are the words of the
+/// file that `PLUMBLINE_TEST_CLOCK` names. Only in debug builds.
 #[cfg(debug_assertions)]
-fn set_off_ms() -> i64 {
+fn set_ms() -> [i64; 2] {
     static FILE: std::sync::LazyLock<Option<String>> =
         std::sync::LazyLock::new(|| std::env::var("PLUMBLINE_TEST_CLOCK").ok());
-    let text = FILE.as_ref().and_then(|file| std::fs::read_to_string(file).ok());
-    text.and_then(|text| text.trim().parse().ok()).unwrap_or(0)
+    let text = FILE.as_ref().and_then(|file| std::fs::read_to_string(file).ok()).unwrap_or_default();
+    let mut words = text.split_whitespace().map(|word| word.parse().expect("a test sets numbers"));
+    [words.next().unwrap_or(0), words.next().unwrap_or(0)]
 }
 
 #[cfg(not(debug_assertions))]
-const fn set_off_ms() -> i64 {
-    0
+const fn set_ms() -> [i64; 2] {
+    [0, 0]
 }
 
 /// Parses an RFC 3339 time into milliseconds since 1970; returns `None` if it is not one.

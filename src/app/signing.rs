@@ -35,16 +35,18 @@ pub enum Others {
     MaySign,
 }
 
-/// Loads the key, or makes it on first use. Nodes of one PostgreSQL database sign with the same key.
+/// Loads the key, or makes it on first use. All that sign for one database sign with the same key.
 ///
 /// # Errors
-/// Returns an error if the key cannot be loaded, or if the folder holds another key than the nodes sign with, unless
-/// `replaces` says that the new key holds from now on. Then it returns an error if other nodes run, which would go on
-/// signing with the old key, and break the log of receipts for ever.
+/// Returns an error if the key cannot be loaded, or if the folder does not hold the key that receipts were signed with
+/// last, unless `replaces` says that a new key holds from now on. Then it returns an error if others run, which would go
+/// on signing with the old key, and break the log of receipts for ever.
 pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::Result<Signing> {
     if matches!(store.location(), Location::Server(_)) {
         let folder = store.secrets().folder().display().to_string();
-        let held = store.agree_on_receipt_key(None, false).await?;
+        let agreed = store.agree_on_receipt_key(None, false).await?;
+        // Nodes agree on nothing before the first of them starts, also when receipts came from a SQLite file.
+        let held = if agreed.is_none() { store.used_receipt_keys().await?.pop() } else { agreed };
         if replaces && held.is_some() && held != own_key(store)? {
             let others = others_after_a_moment(store).await?;
             if others > 0 {
@@ -52,7 +54,7 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
             }
         }
         if !store.secrets().has_signer()? {
-            if let Some(public_key) = held.filter(|_| !replaces) {
+            if let Some(public_key) = held.clone().filter(|_| !replaces) {
                 let notice = format!(
                     "this node lacks the secrets of the service: it grades no submissions, issues no hidden \
                      instances, and takes no actions on boards. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
@@ -63,7 +65,10 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
             store.secrets().signer().context("cannot make the key that signs receipts")?;
         }
         let own = store.signer().context("cannot load the key that signs receipts")?.public_key();
-        let held = store.agree_on_receipt_key(Some(&own), replaces).await?;
+        let held = match held.filter(|held| !replaces && *held != own) {
+            Some(held) => Some(held),
+            None => store.agree_on_receipt_key(Some(&own), replaces).await?,
+        };
         if let Some(held) = held.filter(|held| *held != own) {
             bail!(
                 "{folder} holds the receipt key {own}, but the nodes of this database sign with {held}. Give this node \
@@ -73,14 +78,22 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
         }
     }
     // Before a key is made where one is missing.
-    let last = if others == Others::None { None } else { store.last_receipt_key().await? };
-    if last.is_some() && last != own_key(store)? {
+    let own = own_key(store)?;
+    if let Some(used) = store.used_receipt_keys().await?.into_iter().find(|used| Some(used) != own.as_ref()) {
+        let folder = store.secrets().folder().display().to_string();
         match others {
-            Others::Serve => bail!("{}", still_signs("another process that serves the file is")),
-            Others::None | Others::MaySign => bail!(
-                "{} does not hold the key that receipts were signed with last. Put receipts.key back; if it was replaced on \
-                 purpose, start the service with the new one first, and no other process beside it",
-                store.secrets().folder().display()
+            Others::Serve if replaces => bail!("{}", still_signs("another process that serves the file is")),
+            // The nodes of a server have agreed on the new key above.
+            Others::None if replaces || matches!(store.location(), Location::Server(_)) => {}
+            Others::Serve | Others::None => bail!(
+                "{folder} does not hold the key {used}, with which receipts of this database were signed. Name the folder \
+                 that holds it (--secrets), or put its receipts.key into this one. If the key is lost, start with serve \
+                 --new-receipt-key: the log of receipts then notes the change"
+            ),
+            Others::MaySign => bail!(
+                "{folder} does not hold the key {used}, with which receipts of this database were signed. Name the folder \
+                 that holds it (--secrets), or put its receipts.key into this one. If the key is lost, start the service \
+                 with --new-receipt-key first"
             ),
         }
     }
@@ -91,9 +104,7 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
         format!(
             "receipts are signed with a new key from now on: {public_key}; the key before was {before}. The change is \
              recorded in the log at /v1/receipts. Tell the witnesses: they follow the log with --new-log-key and what /log/key \
-             shows now, or after a backup was restored with a new --state. If you did not mean to replace the key, another folder of secrets may have been given: stop the \
-             service, and put the receipts.key from before into {}",
-            store.secrets().folder().display()
+             shows now, or after a backup was restored with a new --state"
         )
     });
     Ok(Signing { signer: Some(signer), public_key, notice })

@@ -127,8 +127,8 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         }
         _ if kept.has_signer()? => println!("the keys in {} stay as they are", kept.folder().display()),
         (false, false) => println!(
-            "without keys: open epochs close, those that are over cannot be revealed any more, and receipts are signed with a \
-             new key, which their log notes"
+            "without keys: no epoch issues or reveals anything, and the service starts only with --new-receipt-key, which its \
+             log of receipts notes"
         ),
     }
     if *dry_run {
@@ -146,7 +146,8 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
     );
     if kept.has_signer()? {
         println!(
-            "then give it a new key too, so that both histories can be told apart: move receipts.key out of {} and keep it",
+            "then give it a new key too, so that both histories can be told apart: move receipts.key out of {} and keep it, \
+             and start with serve --new-receipt-key",
             kept.folder().display()
         );
     }

@@ -48,8 +48,8 @@ pub struct ServeArgs {
     /// asks for no key.
     #[arg(long, env = "PLUMBLINE_GRADE_ONLY", value_parser = BoolishValueParser::new(), conflicts_with = "demo")]
     grade_only: bool,
-    /// Sign receipts with the key in the folder of secrets although the nodes of this PostgreSQL database signed with
-    /// another, which is lost. The log of receipts notes the change.
+    /// Sign receipts with the key in the folder of secrets, or with a new one if it holds none, although receipts of
+    /// this database were signed with another, which is lost. The log of receipts notes the change.
     #[arg(long)]
     new_receipt_key: bool,
     /// Seconds after which a job is taken over from a worker that gives no sign of life.

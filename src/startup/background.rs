@@ -8,11 +8,13 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::app::App;
+use super::epoch_states::EpochStates;
 use crate::app::hidden::completion;
 use crate::app::hidden::log::look_for_damage;
 use crate::app::hidden::pools::publish_pool;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
+use crate::clock::steady::SteadyClock;
 use crate::http::middleware::rates::Rates;
 use crate::store::blobs::Swept;
 use crate::store::epochs::EpochRow;
@@ -49,7 +51,9 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
     const EVERY: Duration = Duration::from_secs(5);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
+    let mut clock = SteadyClock::new();
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
+        let now = clock.now_ms();
         metrics.run_upkeep();
         rates.evict_idle();
         if let Err(error) = app.current_catalogue().await {
@@ -57,7 +61,7 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
         }
         // Lifting one is signed, so whichever node can sign does it.
         if app.signer.is_some()
-            && let Err(error) = store.lift_embargoes(now_ms()).await
+            && let Err(error) = store.lift_embargoes(now).await
         {
             tracing::warn!(%error, "could not lift embargoes that are over");
         }
@@ -69,10 +73,10 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
                 continue;
             }
         }
-        if let Err(error) = store.forget_old_requests(now_ms()).await {
+        if let Err(error) = store.forget_old_requests(now).await {
             tracing::warn!(%error, "could not delete old idempotency keys");
         }
-        if let Err(error) = store.forget_old_episodes(now_ms()).await {
+        if let Err(error) = store.forget_old_episodes(now).await {
             tracing::warn!(%error, "could not delete old episodes");
         }
     }
@@ -83,8 +87,9 @@ pub(super) async fn sweep(Shared { store, stop, .. }: Shared) {
     const LOOK: Duration = Duration::from_secs(20);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
+    let mut clock = SteadyClock::new();
     loop {
-        match sweep_if_due(&store, &node, LEASE_MS).await {
+        match sweep_if_due(&store, &node, LEASE_MS, clock.now_ms()).await {
             Ok(None | Some(Swept::Deleted(0))) => {}
             Ok(Some(Swept::Deleted(deleted))) => tracing::info!(deleted, "deleted objects that no row refers to"),
             Ok(Some(Swept::OfAnother { place, token })) => tracing::warn!(
@@ -100,11 +105,11 @@ pub(super) async fn sweep(Shared { store, stop, .. }: Shared) {
     }
 }
 
-async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64) -> StoreResult<Option<Swept>> {
-    if !store.is_sweep_due(now_ms()).await? || !store.lead(BLOBS, node, lease_ms).await? {
+async fn sweep_if_due(store: &Store, node: &str, lease_ms: i64, now_ms: i64) -> StoreResult<Option<Swept>> {
+    if !store.is_sweep_due(now_ms).await? || !store.lead(BLOBS, node, lease_ms).await? {
         return Ok(None);
     }
-    store.sweep_blobs(now_ms()).await.map(Some)
+    store.sweep_blobs(now_ms).await.map(Some)
 }
 
 /// Stores every few seconds when keys were last used. It waits for the writer, and nothing waits for it.
@@ -130,7 +135,9 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
     const TOLD_BYTES: u64 = 16 << 20;
     let node = uuid::Uuid::new_v4().to_string();
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
-    let mut published = now_ms() / every_ms;
+    let mut clock = SteadyClock::new();
+    let mut states = EpochStates::default();
+    let mut published = clock.now_ms() / every_ms;
     // The file grows when a hidden answer is graded, the more the larger the answer, so its size is told only at these
     // times, and coarsely.
     let tell_size = || async {
@@ -140,6 +147,7 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
     };
     tell_size().await;
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
+        let now = clock.now_ms();
         match store.lead(HIDDEN, &node, LEASE_MS).await {
             Ok(true) => {}
             Ok(false) => continue,
@@ -148,14 +156,18 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
                 continue;
             }
         }
-        if let Err(error) = completion::settle_epochs(&store, now_ms()).await {
+        if let Err(error) = completion::settle_epochs(&store, now).await {
             tracing::warn!(%error, "could not settle epochs that are over");
         }
-        let due = now_ms() / every_ms;
+        match store.epochs().await {
+            Ok(epochs) => states.tell(&epochs, now),
+            Err(error) => tracing::warn!(%error, "could not look at the epochs"),
+        }
+        let due = now / every_ms;
         if due == published {
             continue;
         }
-        match completion::publish(&store, now_ms()).await {
+        match completion::publish(&store, now).await {
             Ok(()) => {
                 published = due;
                 tell_size().await;

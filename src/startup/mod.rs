@@ -1,6 +1,7 @@
 //! Composition: assembles store, workers and HTTP into one service, and starts and stops them in order.
 
 mod background;
+mod epoch_states;
 mod notices;
 mod supervisor;
 

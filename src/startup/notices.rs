@@ -28,8 +28,8 @@ pub(super) async fn notices_of_secrets(store: &Store) -> anyhow::Result<Vec<Stri
     let names = |epochs: &[&EpochRow]| epochs.iter().map(|epoch| epoch.id()).collect::<Vec<_>>().join(", ");
     let undrawn = (!open.is_empty()).then(|| {
         format!(
-            "the keys of these epochs, which are not over, are not in {}, or cannot be read there: {}. Put them back before anybody draws: without its \
-             key an epoch closes at the first draw",
+            "the keys of these epochs, which are not over, are not in {}, or cannot be read there: {}. Put them back: until \
+             then nobody draws. If a key is lost, close its epoch (plumbline epochs close)",
             secrets.folder().display(),
             names(&open)
         )

@@ -9,6 +9,10 @@ use super::receipts::{NewReceipt, enter};
 use super::{Store, StoreResult, commit};
 use plumbline_engine::hidden::receipts::{Signer, key_change};
 
+/// Selects the keys of the last receipt and of those that are not published.
+const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts UNION ALL
+                    SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1) AS last) AS used";
+
 impl Store {
     /// Records a change of the key that signs receipts if the last receipt was signed with another key, and returns
     /// that key.
@@ -17,12 +21,9 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn note_receipt_key(&self, signer: &Signer, now_ms: i64) -> StoreResult<Option<String>> {
         const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
-        const KEYS: &str = "SELECT DISTINCT public_key FROM (SELECT public_key FROM pending_receipts
-                            UNION ALL SELECT public_key FROM (SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1) AS last) AS used";
         let is_other = |last: &String| *last != signer.public_key();
         // Nearly always there is nothing to write, so the start need not wait for another process that writes.
-        let last: Vec<String> = query_scalar(KEYS).fetch_all(&self.readers).await?;
-        if !last.iter().any(is_other) {
+        if !self.used_receipt_keys().await?.iter().any(is_other) {
             return Ok(None);
         }
         let mut tx = self.begin().await?;
@@ -52,13 +53,12 @@ impl Store {
         query_scalar(OTHERS).fetch_one(&self.readers).await
     }
 
-    /// Returns the key that receipts were signed with last; none if there are no receipts.
+    /// Returns the keys of the last receipt and of those that are not published; none if nothing was ever signed.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn last_receipt_key(&self) -> StoreResult<Option<String>> {
-        const LAST: &str = "SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1";
-        query_scalar(LAST).fetch_optional(&self.readers).await
+    pub async fn used_receipt_keys(&self) -> StoreResult<Vec<String>> {
+        query_scalar(KEYS).fetch_all(&self.readers).await
     }
 
     /// Lets all nodes of a PostgreSQL database agree on the key that signs receipts. The first key that is proposed

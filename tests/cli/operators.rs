@@ -178,7 +178,11 @@ async fn a_new_receipt_key_is_told_and_the_log_verifies_under_both() {
     assert!(!path("r.db").exists());
     let done = succeeded(&plumbline(&["restore", path("copy.db").to_str().unwrap()], &path("r.db")));
     assert!(done.contains("shorter than witnesses may have seen it"), "{done}");
-    let restored = Service::start(&path("r.db"), &[]);
+    // Without the key the service does not begin another history by itself.
+    let said = refused(&plumbline(&["serve", "--listen", "127.0.0.1:0"], &path("r.db")));
+    assert!(said.contains(&old) && said.contains("--secrets") && said.contains("--new-receipt-key"), "{said}");
+    assert!(!path("r.db.secrets/receipts.key").exists());
+    let restored = Service::start(&path("r.db"), &["--new-receipt-key"]);
     let new = key_of(&restored).await;
     assert_ne!(new, old);
     submit(&restored, 1).await;
@@ -236,6 +240,8 @@ async fn a_second_process_on_a_file_is_noticed_while_the_first_lives() {
     let (key, aside) = (folder.path().join("p.db.secrets/receipts.key"), folder.path().join("aside.key"));
     std::fs::rename(&key, &aside).unwrap();
     let said = refused(&plumbline(&["serve", "--listen", "127.0.0.1:0"], &database));
+    assert!(said.contains("does not hold the key"), "{said}");
+    let said = refused(&plumbline(&["serve", "--listen", "127.0.0.1:0", "--new-receipt-key"], &database));
     assert!(said.contains("another process that serves the file is running"), "{said}");
     std::fs::rename(&aside, &key).unwrap();
     first.kill();

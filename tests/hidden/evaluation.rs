@@ -1,9 +1,6 @@
 //! Hidden evaluation as an outside lab goes through it, over HTTP: register, draw, build, answer, finalize; then the
 //! epoch closes, everything is revealed and verified, and a changed bit is found.
 
-use std::os::unix::fs::PermissionsExt as _;
-use std::path::Path;
-
 use crate::support::epoch::{CONFIGURATION, Scene, answer_to, id, run, said};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -219,68 +216,6 @@ async fn a_run_that_was_drawn_is_answered_in_time_or_failed_and_budgets_end() {
     assert_eq!(epoch["state"], "closed", "{epoch}");
     assert!(epoch["closed_reason"].as_str().unwrap().contains("budget"), "{epoch}");
     scene.refused(&lab, "/v1/epochs/autumn/entries", &new, "epoch-not-open").await;
-}
-
-#[tokio::test]
-async fn a_lost_key_closes_the_epoch_and_says_so() {
-    let mut scene = Scene::new(&[]);
-    let lab = scene.key("lab");
-    let secrets = scene.file("p.db.secrets");
-    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
-    assert_eq!((mode(&secrets), mode(&secrets.join("epoch-autumn.json"))), (0o700, 0o600));
-    if !crate::support::database::is_postgres() {
-        let copy = scene.file("copy.db");
-        let copied = run(&["backup", copy.to_str().unwrap()], Some(&scene.file("p.db")));
-        assert!(copied.status.success() && !scene.file("copy.db.secrets").exists(), "{}", said(&copied));
-        let asked = scene.file("asked.db");
-        let copied = run(&["backup", asked.to_str().unwrap(), "--with-secrets"], Some(&scene.file("p.db")));
-        assert!(copied.status.success(), "{}", said(&copied));
-        assert_eq!(mode(&scene.file("asked.db.secrets/epoch-autumn.json")), 0o600);
-    }
-    let entry = scene.register(&lab, "official", 1).await;
-    // A key that is not there is told before anybody draws, and while it can still be put back.
-    std::fs::rename(secrets.join("epoch-autumn.json"), scene.file("autumn.key")).unwrap();
-    let told = scene.service.wait_for("/readyz", |ready| ready.get("lacks").is_some()).await;
-    assert_eq!(told["lacks"][0], "key of epoch autumn");
-    scene.restart(None);
-    if !crate::support::database::is_postgres() {
-        let told = scene.service.said.lock().unwrap().join("\n");
-        assert!(told.contains("which are not over") && told.contains("autumn"), "{told}");
-    }
-    std::fs::rename(scene.file("autumn.key"), secrets.join("epoch-autumn.json")).unwrap();
-    scene.service.wait_for("/readyz", |ready| ready["status"] == "ok" && ready.get("lacks").is_none()).await;
-    // Another key is as good as none.
-    let text = std::fs::read_to_string(secrets.join("epoch-autumn.json")).unwrap();
-    let at = text.find("\"key\":\"").unwrap() + 7;
-    let flipped = if &text[at..=at] == "0" { "1" } else { "0" };
-    std::fs::write(secrets.join("epoch-autumn.json"), format!("{}{flipped}{}", &text[..at], &text[at + 1..])).unwrap();
-    let draw = json!({ "run": 1, "nonce": "a nonce of our own 1" });
-    if crate::support::database::is_postgres() {
-        // Another node may have the key: this one says that it lacks it, and closes nothing.
-        let refused = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &draw).await;
-        assert_eq!(refused.status, StatusCode::SERVICE_UNAVAILABLE, "{}", refused.text);
-        assert_eq!(scene.service.get("/v1/epochs/autumn").await.json()["state"], "open");
-        return;
-    }
-    scene.refused(&lab, &format!("/v1/entries/{entry}/instances"), &draw, "key-lost").await;
-    let epoch = scene.service.get("/v1/epochs/autumn").await.json();
-    assert_eq!(epoch["state"], "closed");
-    assert!(epoch["closed_reason"].as_str().unwrap().starts_with("the key was lost"), "{epoch}");
-    scene.is_sealed().await;
-    let reveal = scene.service.get("/v1/epochs/autumn/reveal").await;
-    assert_eq!(reveal.json()["type"], "urn:plumbline:problem:key-lost", "{}", reveal.text);
-    // Without the file the start says which epochs nobody can verify, and who else may read what is left.
-    std::fs::remove_file(secrets.join("epoch-autumn.json")).unwrap();
-    for (path, mode) in [(secrets.clone(), 0o755), (secrets.join("receipts.key"), 0o644)] {
-        std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(mode)).unwrap();
-    }
-    scene.restart(None);
-    let told = scene.service.said.lock().unwrap().join("\n");
-    assert!(told.contains("so nobody can get their reveal") && told.contains("autumn"), "{told}");
-    assert!(
-        told.contains("others may read or change the secrets") && told.contains("receipts.key has mode 0644"),
-        "{told}"
-    );
 }
 
 #[tokio::test]

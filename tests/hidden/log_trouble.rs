@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::support::Service;
 use crate::support::commands::{refused, succeeded};
-use crate::support::database::{is_postgres, pool};
+use crate::support::database::pool;
 
 fn witness(state: &Path, url: &str, more: &[&str]) -> Output {
     let mut command = std::process::Command::new(crate::support::PROGRAM);
@@ -18,8 +18,7 @@ fn witness(state: &Path, url: &str, more: &[&str]) -> Output {
 /// Starts the service with a new receipt key, as after the old one was lost.
 fn with_new_key(database: &Path) -> Service {
     std::fs::remove_file(database.with_extension("db.secrets").join("receipts.key")).unwrap();
-    // Nodes of a server sign with one key, and are told if it is to be replaced.
-    Service::start(database, if is_postgres() { &["--new-receipt-key"] } else { &[] })
+    Service::start(database, &["--new-receipt-key"])
 }
 
 #[tokio::test]

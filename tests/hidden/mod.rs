@@ -9,4 +9,5 @@ mod fields;
 mod leaks;
 mod log;
 mod log_trouble;
+mod mishaps;
 mod siblings;

@@ -104,9 +104,19 @@ impl Scene {
         self.service.wait_for("/v1/epochs/autumn/reveal", is_sealed).await;
     }
 
+    /// Moves the service in time: it is as if so many milliseconds had passed.
     pub fn set_clock(&self, ms: i64) {
+        self.write_clock(&ms.to_string());
+    }
+
+    /// Makes the clock of the service's machine jump by so many milliseconds.
+    pub fn jump_clock(&self, ms: i64) {
+        self.write_clock(&format!("0 {ms}"));
+    }
+
+    fn write_clock(&self, text: &str) {
         // At once: the service must not read a file that is half written.
-        std::fs::write(self.file("clock.new"), ms.to_string()).unwrap();
+        std::fs::write(self.file("clock.new"), text).unwrap();
         std::fs::rename(self.file("clock.new"), self.file("clock")).unwrap();
     }
 

@@ -81,7 +81,7 @@ pub async fn draw_run(
     };
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
     let now = now_ms();
-    let secret = secret_of(&app.store, &epoch, now).await?;
+    let secret = secret_of(&app.store, &epoch).await?;
     // A proof takes a millisecond: it is computed before the transaction, in which others would wait for it.
     let lot = Lot::of(&epoch.commitment, &secret.key, entry_id, run, &nonce);
     let siblings = match epoch.commitment.siblings {

@@ -17,9 +17,6 @@ use crate::store::{Store, StoreResult};
 use plumbline_engine::grading::ProblemScores;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedEntry, RevealedInstance, revealed};
 
-/// Published reason for closing an epoch whose key is lost.
-const LOST_KEY: &str = "the key was lost, or is not the one committed to: nothing can be drawn or revealed";
-
 /// An epoch as it is now.
 #[derive(Debug)]
 pub struct EpochStatus {
@@ -86,24 +83,27 @@ pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     AppError::conflict("epoch-not-open", detail)
 }
 
-/// Returns the secret that an epoch draws from. If the secret is lost, closes the epoch with a public reason; of
-/// several nodes, one alone cannot tell that.
+/// Returns the secret that an epoch draws from.
 ///
 /// # Errors
-/// Returns a conflict if the secret is lost.
-pub(super) async fn secret_of(store: &Store, epoch: &EpochRow, now_ms: i64) -> AppResult<Arc<EpochSecret>> {
+/// Returns an error if the secret is not there, or is not the one committed to. The operator may put it back, and
+/// another node may have it, so nothing is closed.
+pub(super) async fn secret_of(store: &Store, epoch: &EpochRow) -> AppResult<Arc<EpochSecret>> {
     if let Some(secret) = store.epoch_secret(epoch).await? {
         return Ok(secret);
     }
-    // Another node may have the key that this one lacks.
-    if matches!(store.location(), Location::Server(_)) {
-        let detail = "this node lacks the key of the epoch; send the request again, to another node";
-        return Err(AppError::new(Kind::NotReady, detail).retry_after(1));
-    }
-    if epoch.closed.is_none() && store.close_epoch(epoch.id(), LOST_KEY, now_ms).await? {
-        tracing::error!(epoch = epoch.id(), "the key of an epoch is lost, or not the one committed to: closed");
-    }
-    Err(AppError::conflict("key-lost", LOST_KEY))
+    tracing::error!(
+        epoch = epoch.id(),
+        folder = %store.secrets().folder().display(),
+        "the folder of secrets does not hold the key that the epoch is committed to: put it back"
+    );
+    let (detail, seconds) = match store.location() {
+        Location::Server(_) => ("this node lacks the key of the epoch; send the request again, to another node", 1),
+        Location::File(_) | Location::Memory | Location::Unreadable(_) => {
+            ("the service lacks the key of the epoch; its operator must put it back", 60)
+        }
+    };
+    Err(AppError::new(Kind::NotReady, detail).retry_after(seconds))
 }
 
 /// Returns the epoch and its secret if the epoch is over, fully graded, and its key is available.
@@ -119,14 +119,14 @@ async fn sealed_epoch(app: &App, id: &str) -> AppResult<(EpochRow, Arc<EpochSecr
         let detail = "the epoch is over; its last answers are being graded, and then its results are sealed";
         return Err(AppError::conflict("still-grading", detail).retry_after(1));
     }
-    let secret = secret_of(&app.store, &row, now).await?;
+    let secret = secret_of(&app.store, &row).await?;
     Ok((row, secret))
 }
 
 /// Reveals everything that a closed epoch kept secret, as JSON of a [`Reveal`]. It never changes again.
 ///
 /// # Errors
-/// Returns an error if the epoch does not exist, is not over, is still being graded, or if its key is lost.
+/// Returns an error if the epoch does not exist, is not over, is still being graded, or if its key is not there.
 pub async fn reveal(app: &App, id: &str) -> AppResult<Vec<u8>> {
     let (row, secret) = sealed_epoch(app, id).await?;
     let entries = app.store.entries(row.id()).await?;
@@ -195,7 +195,7 @@ fn revealed_instance(own: InstanceRow, scores: Option<ProblemScores>) -> Reveale
 /// Returns the logs that answered a closed epoch's instances, a few at a time, in order of issue.
 ///
 /// # Errors
-/// Returns an error if the epoch does not exist, is not over, is still being graded, or if its key is lost. The stream
+/// Returns an error if the epoch does not exist, is not over, is still being graded, or if its key is not there. The stream
 /// ends with an error if the database fails.
 pub async fn revealed_answers(app: &App, id: &str) -> AppResult<BoxStream<'static, StoreResult<Vec<RevealedAnswer>>>> {
     const AT_ONCE: i64 = 10;

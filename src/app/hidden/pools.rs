@@ -44,7 +44,7 @@ pub async fn take_round(
 ///
 /// # Errors
 /// Returns a fault if the chain has not signed the round, and a conflict if the epoch is bound to no beacon, is over,
-/// its key is lost, or the round is not due yet.
+/// its key is not there, or the round is not due yet.
 pub async fn publish_pool(store: &Store, epoch: &EpochRow, round: &Round, now_ms: i64) -> AppResult<BoundPool> {
     let Some(beacon) = epoch.commitment.beacon.clone() else {
         let detail = "the epoch is bound to no beacon: its pool was made before it was announced";
@@ -82,7 +82,7 @@ async fn make(store: &Store, epoch: &EpochRow, beacon: Beacon, round: &Round) ->
     if let Some(published) = store.epoch(epoch.id()).await?.and_then(|epoch| epoch.pool) {
         return Ok(published);
     }
-    let secret = secret_of(store, epoch, now_ms()).await?;
+    let secret = secret_of(store, epoch).await?;
     let (secrets, commitment) = (store.secrets().clone(), epoch.commitment.clone());
     let drawn = tokio::task::spawn_blocking(move || {
         let key = beacon.pool_key(&secret.key, &randomness);

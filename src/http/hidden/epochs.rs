@@ -217,7 +217,7 @@ pub async fn create_epoch_pool(
     responses(
         (status = 200, description = "The reveal", body = Object,
          example = json!({ "key": "6f1e…", "specifications": [{ "leaf": 0, "salt": "9a0c…", "hash": "77de…" }] })),
-        (status = 409, description = "It is not over, its last answers are being graded, or its key was lost"),
+        (status = 409, description = "It is not over, or its last answers are being graded"),
     )
 )]
 pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
@@ -241,7 +241,7 @@ pub async fn get_epoch_reveal(State(state): State<AppState>, Path(epoch): Path<S
     responses(
         (status = 200, description = "One JSON object per line, with instance and log", body = String, content_type = "application/x-ndjson",
          example = "{\"instance\":\"5f0c…\",\"log\":{\"palette\":[\"stone\"],\"turns\":[[[0,0,0,0]]]}}\n"),
-        (status = 409, description = "It is not over, or its key was lost"),
+        (status = 409, description = "It is not over"),
     )
 )]
 pub async fn get_epoch_answers(State(state): State<AppState>, Path(epoch): Path<String>) -> AppResult<Response> {
