@@ -10,7 +10,7 @@ use super::database::DatabaseArgs;
 use super::process::block_on;
 use crate::clock::rfc3339;
 use crate::store::Store;
-use crate::store::webhooks::WebhookChange;
+use crate::store::webhooks::{Enabling, WebhookChange};
 
 /// Arguments of `webhooks`.
 #[derive(Debug, Args)]
@@ -81,7 +81,7 @@ async fn disable(store: &Store, id: &str, reason: &str) -> anyhow::Result<()> {
         bail!("the webhook is disabled already: {before}");
     }
     let reason = format!("disabled by the operator: {reason}");
-    let change = WebhookChange { url: &webhook.url, events: &webhook.events, disabled_reason: Some(&reason) };
+    let change = WebhookChange { url: None, events: None, enabling: Some(Enabling::Disabled(&reason)) };
     store.change_webhook(id, &change).await?;
     println!("disabled {id} of {}", webhook.owner);
     Ok(())

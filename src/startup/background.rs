@@ -7,8 +7,8 @@ use std::time::Duration;
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::app::App;
 use super::epoch_states::EpochStates;
+use crate::app::App;
 use crate::app::hidden::completion;
 use crate::app::hidden::log::look_for_damage;
 use crate::app::hidden::pools::publish_pool;

@@ -108,7 +108,8 @@ impl Store {
     pub async fn lift_embargo(&self, run_id: &str, actor: &str, now_ms: i64) -> StoreResult<bool> {
         let signer = self.signer()?;
         let mut tx = self.begin().await?;
-        tx.lock([Lock::Run(run_id)]).await?;
+        // A regrade takes the order, and then the rows of runs.
+        tx.lock([Lock::Run(run_id), Lock::Order]).await?;
         let due: Option<Due> = query_as(
             "UPDATE embargoes SET lifted_at_ms = $2 WHERE run_id = $1 AND lifted_at_ms IS NULL
              RETURNING alias, agent, metadata, until_ms",

@@ -58,15 +58,26 @@ pub struct NewWebhook<'a> {
     pub secret: &'a str,
 }
 
-/// Change of a webhook.
+/// Change of a webhook; what is `None` stays as it is.
 #[derive(Debug, Clone, Copy)]
 pub struct WebhookChange<'a> {
     /// New address.
-    pub url: &'a str,
+    pub url: Option<&'a str>,
     /// New names of events.
-    pub events: &'a str,
-    /// Reason why it is disabled; none if it is enabled.
-    pub disabled_reason: Option<&'a str>,
+    pub events: Option<&'a str>,
+    /// Whether it is enabled from now on.
+    pub enabling: Option<Enabling<'a>>,
+}
+
+/// Whether a webhook is enabled.
+#[derive(Debug, Clone, Copy)]
+pub enum Enabling<'a> {
+    /// It is.
+    Enabled,
+    /// It is not, for this reason.
+    Disabled(&'a str),
+    /// It is not, for this reason unless there is another already.
+    StaysOrDisabled(&'a str),
 }
 
 macro_rules! select_webhook {
@@ -152,15 +163,22 @@ impl Store {
         let mut tx = self.begin().await?;
         query(
             "UPDATE webhooks SET
-                 seen_event = CASE WHEN disabled_reason IS NOT NULL AND $4 IS NULL
+                 seen_event = CASE WHEN disabled_reason IS NOT NULL AND $4
                      THEN (SELECT COALESCE(MAX(id), 0) FROM events) ELSE seen_event END,
-                 url = $2, events = $3, disabled_reason = $4
+                 url = COALESCE($2, url),
+                 events = COALESCE($3, events),
+                 disabled_reason = CASE WHEN $4 THEN NULL WHEN $6 THEN $5 ELSE COALESCE(disabled_reason, $5) END
              WHERE id = $1",
         )
         .bind(id)
         .bind(change.url)
         .bind(change.events)
-        .bind(change.disabled_reason)
+        .bind(matches!(change.enabling, Some(Enabling::Enabled)))
+        .bind(match change.enabling {
+            None | Some(Enabling::Enabled) => None,
+            Some(Enabling::Disabled(reason) | Enabling::StaysOrDisabled(reason)) => Some(reason),
+        })
+        .bind(matches!(change.enabling, Some(Enabling::Disabled(_))))
         .execute(&mut tx)
         .await?;
         commit(tx, "change_webhook").await

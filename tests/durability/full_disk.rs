@@ -60,9 +60,19 @@ async fn writing_goes_on_once_there_is_space_again() {
     let size = std::fs::metadata(folder.path().join("p.db")).unwrap().len();
     bound_files(service.process_id(), Some(size.max(4 << 20) + (1 << 20)));
     assert_eq!(fill(&service).await, StatusCode::INTERNAL_SERVER_ERROR);
-    // The next ones are refused as well, and nothing that was acknowledged is lost.
+    // Nothing that is acknowledged is lost.
     let refused = service.post_json("/v1/runs", &json!({ "agent": "x", "suite": "mineceraft-lite" })).await;
-    assert!(refused.status.is_server_error() || refused.status.is_success(), "{}", refused.text);
+    // A few bytes may still fit into a page that is there.
+    if refused.status.is_success() {
+        let id = refused.json()["id"].as_str().unwrap().to_owned();
+        assert_eq!(
+            service.get(&format!("/v1/runs/{id}")).await.status,
+            StatusCode::OK,
+            "what was acknowledged is there"
+        );
+    } else {
+        assert!(refused.status.is_server_error(), "{}", refused.text);
+    }
     assert_eq!(service.get(&format!("/v1/runs/{kept}")).await.status, StatusCode::OK);
     bound_files(service.process_id(), None);
     becomes(&service, StatusCode::OK).await;

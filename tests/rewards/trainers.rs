@@ -55,6 +55,10 @@ async fn nemo_gym_verifies_the_last_message() {
         assert!(reward > 0.0 && reward < 1.0, "{name}: {reward}");
     }
     assert_eq!(service.post_json("/verify", &named("rewards")).await.faults(422), ["null /rewards"]);
+    let weights = json!({ "weights": { "material": 1 } });
+    let misnamed =
+        json!({ "task": 113, "response": { "output_text": partly }, "verifier_metadata": { "rewards": weights } });
+    assert_eq!(service.post_json("/verify", &misnamed).await.faults(422), ["null /verifier_metadata/rewards"]);
     // A trainer that is wired wrongly is told, and no model blamed.
     for (response, place) in [
         (Value::Null, "null /response"),
@@ -192,8 +196,14 @@ async fn openrlhf_gets_no_reward_from_damaged_data() {
     let body = json!({ "query": [turns(&wall).to_string(), "no"], "labels": ["walls/5x1x5-raise", { "task": 1, "suite": "torn" }] });
     let wrong = service.post_json("/get_reward", &body).await.json();
     assert_eq!(wrong["rewards"], json!([1.0, 0.0]), "no suite of this name: {wrong}");
-    let misnamed = json!({ "query": ["no"], "labels": [{ "task": "walls/5x1x5-raise", "rewards": "shaped" }] });
-    assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), ["null /labels/0/rewards"]);
+    for scheme in [json!("shaped"), json!({ "weights": { "material": 1 } })] {
+        let misnamed = json!({ "query": ["no"], "labels": [{ "task": "walls/5x1x5-raise", "rewards": scheme }] });
+        assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), ["null /labels/0/rewards"]);
+    }
+    // A label is as small as text as it is as JSON.
+    let many = format!("{{\"task\":1,\"x\":[{}0]}}", "{\"\":0},".repeat(70_000));
+    let told = service.post_json("/get_reward", &json!({ "query": ["no"], "labels": [many] })).await;
+    assert!(told.faults(422) == ["null /labels/0"] && told.text.contains("more than"), "{}", told.text);
 
     let pool = pool(&database).await;
     for statement in [

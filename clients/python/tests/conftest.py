@@ -28,7 +28,8 @@ class Running:
         self.database = folder / "p.db"
         log = folder / "log"
         with log.open("wb") as file:
-            command = [PROGRAM, "serve", "--listen", "127.0.0.1:0", "--database", str(self.database), *arguments]
+            listen = [] if "--listen" in arguments else ["--listen", "127.0.0.1:0"]
+            command = [PROGRAM, "serve", *listen, "--database", str(self.database), *arguments]
             self.process = subprocess.Popen(command, stdout=file, stderr=file, env=without_settings())
         self.url = self._address(log)
 

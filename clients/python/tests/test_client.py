@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -41,6 +43,52 @@ def test_a_lab_goes_the_whole_way(client: Client, wall: dict[str, Any]) -> None:
     assert "way of a lab" in client.boards.get_as("mineceraft-lite", format="csv")
     events = list(client.events.follow(run=run.id))
     assert events[-1].state == "finished" and {event.submission for event in events} >= {accepted.id}
+
+
+def test_events_are_followed_over_a_restart(tmp_path: Path, wall: dict[str, Any]) -> None:
+    # Nothing grades, so the submission waits while the service stops.
+    before = Running(tmp_path, "--open", "--workers", "0")
+    address = before.url.removeprefix("http://")
+    with Client(before.url) as client:
+        accepted = client.submissions.create(task=WALL, turns=wall["turns"])
+        states: list[str] = []
+        follower = threading.Thread(
+            target=lambda: states.extend(event.state for event in client.events.follow(submission=accepted.id))
+        )
+        follower.start()
+        time.sleep(1)
+        before.stop()
+        after = Running(tmp_path, "--open", "--listen", address)
+        follower.join(30)
+        after.stop()
+    assert states == ["graded"] and not follower.is_alive()
+
+
+def test_a_stream_that_brings_nothing_is_opened_again_with_patience() -> None:
+    opened: list[float] = []
+
+    class Empty(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            opened.append(time.monotonic())
+            self.send_response(200)
+            self.send_header("content-type", "text/event-stream")
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Empty)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    retries = Retries(first_s=0.2, longest_s=10)
+
+    def follow() -> None:
+        with Client(f"http://127.0.0.1:{server.server_port}", retries=retries) as client:
+            next(client.events.follow())
+
+    threading.Thread(target=follow, daemon=True).start()
+    time.sleep(2)
+    server.shutdown()
+    assert 2 <= len(opened) <= 20
 
 
 def test_a_model_of_the_package_can_be_sent_back(client: Client, wall: dict[str, Any]) -> None:

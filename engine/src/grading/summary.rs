@@ -36,12 +36,7 @@ impl ProblemScores {
     /// Returns whether the problem passes overall (`docs/rules.md#scores`).
     #[must_use]
     pub fn overall(&self) -> bool {
-        let parts = [
-            self.accuracy(),
-            self.holds(|c| c == Criterion::PhysicalPlausibility),
-            self.holds(|c| c == Criterion::Dependency),
-        ];
-        parts.into_iter().all(|part| part.unwrap_or(true))
+        self.holds(Criterion::decides).unwrap_or(true)
     }
 }
 

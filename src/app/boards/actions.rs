@@ -13,6 +13,8 @@ use plumbline_engine::intake::Faults;
 
 /// Maximum length of a reason, in characters.
 pub const REASON_CHARS: usize = 500;
+/// What is asked of a reason.
+pub const REASON_WANTED: &str = "expected 1 to 500 characters, no control characters but line breaks and tabs, and none that change the direction of writing";
 
 /// Action that a request may ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
@@ -75,7 +77,7 @@ pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, r
 fn reason_of(reason: &str) -> AppResult<String> {
     trimmed(reason).ok_or_else(|| {
         let mut faults = Faults::new();
-        faults.add_at("reason", format!("expected 1 to {REASON_CHARS} characters, without control characters"));
+        faults.add_at("reason", REASON_WANTED);
         AppError::faulty(faults)
     })
 }

@@ -12,27 +12,44 @@ use crate::app::limits::LIMITS;
 
 /// What an object counts for, beside its members: it takes as much memory as so many plain values.
 const OBJECT: usize = 16;
+/// What an array counts for, beside its elements.
+const ARRAY: usize = 4;
+/// Bytes of memory that a plain value takes, with its share of the array or object that holds it.
+const VALUE_BYTES: usize = 40;
+/// Room of a member whose size in bytes is limited to less than this: metadata, a card, a task, a label.
+const MEMBER: usize = 1 << 20;
 
-/// Room for free JSON, for one body.
+/// Room for free JSON, for one value.
 #[derive(Debug)]
 pub struct Room {
+    most: usize,
     left: usize,
     is_exceeded: bool,
 }
 
-impl Default for Room {
-    /// Returns the room of a body: `free_json_values`.
-    fn default() -> Self {
-        Self { left: LIMITS.free_json_values, is_exceeded: false }
-    }
-}
-
 impl Room {
+    /// Returns the room of a body that is free JSON as a whole: `free_json_values`.
+    #[must_use]
+    pub const fn of_body() -> Self {
+        Self::of(LIMITS.free_json_values)
+    }
+
+    /// Returns the room of a member whose bytes are limited as well.
+    #[must_use]
+    pub const fn of_member() -> Self {
+        Self::of(MEMBER)
+    }
+
+    const fn of(values: usize) -> Self {
+        Self { most: values, left: values, is_exceeded: false }
+    }
+
     /// Returns the fault if there was more than fits; what was read is then incomplete.
     #[must_use]
     pub fn fault(&self) -> Option<String> {
-        let most = LIMITS.free_json_values;
-        self.is_exceeded.then(|| format!("more than {most} values; an object counts as {OBJECT} more"))
+        let most = self.most;
+        let why = || format!("more than {most} values; an object counts as {OBJECT} more, an array as {ARRAY}");
+        self.is_exceeded.then(why)
     }
 
     fn take(&mut self, values: usize) {
@@ -90,6 +107,7 @@ impl<'de> Visitor<'de> for FreeJson<'_> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut elements: A) -> Result<Value, A::Error> {
+        self.0.take(ARRAY);
         let mut array = Vec::new();
         while !self.0.is_exceeded
             && let Some(element) = elements.next_element_seed(FreeJson(self.0))?
@@ -113,12 +131,31 @@ impl<'de> Visitor<'de> for FreeJson<'_> {
     }
 }
 
+/// Returns the bytes of memory that a body of free JSON takes at most, besides its text.
+#[must_use]
+pub fn memory_of(json: &[u8]) -> usize {
+    let (mut values, mut is_text, mut is_escaped) = (0_usize, false, false);
+    for byte in json {
+        match byte {
+            _ if is_escaped => is_escaped = false,
+            b'\\' if is_text => is_escaped = true,
+            b'"' => is_text = !is_text,
+            _ if is_text => {}
+            b'{' => values += OBJECT + 1,
+            b'[' => values += ARRAY + 1,
+            b',' => values += 1,
+            _ => {}
+        }
+    }
+    VALUE_BYTES * values.min(LIMITS.free_json_values)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn read(text: &str) -> (Value, bool) {
-        let mut room = Room::default();
+        let mut room = Room::of_body();
         let value = FreeJson(&mut room).deserialize(&mut serde_json::Deserializer::from_str(text)).unwrap();
         (value, room.fault().is_none())
     }
@@ -134,9 +171,15 @@ mod tests {
     fn values_without_room_are_skipped() {
         let most = LIMITS.free_json_values;
         let list = |element: &str, count: usize| format!("[{}]", vec![element; count].join(","));
-        assert!(read(&list("0", most - 1)).1);
-        assert!(!read(&list("0", most)).1);
+        assert!(read(&list("0", most - ARRAY - 1)).1);
+        assert!(!read(&list("0", most - ARRAY)).1);
         let (value, fits) = read(&list(r#"{"":[[]]}"#, most));
         assert!(!fits && value.as_array().unwrap().len() <= most / OBJECT);
+    }
+
+    #[test]
+    fn the_memory_of_a_body_is_told_from_its_text() {
+        assert_eq!(memory_of(br#"{"a": "[{,\\\"[{,", "b": [1, 2]}"#), VALUE_BYTES * (17 + 1 + 5 + 1));
+        assert_eq!(memory_of(&b"[".repeat(10_000_000)), VALUE_BYTES * LIMITS.free_json_values);
     }
 }

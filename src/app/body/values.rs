@@ -76,13 +76,13 @@ impl<'de, T> Shape<'de> for Json<'_, T> {
     }
 
     fn array<A: SeqAccess<'de>>(self, elements: A) -> Result<Option<T>, A::Error> {
-        let mut room = Room::default();
+        let mut room = Room::of_member();
         let value = FreeJson(&mut room).visit_seq(elements)?;
         Ok(self.whole(&value, &room))
     }
 
     fn object<A: MapAccess<'de>>(self, members: A) -> Result<Option<T>, A::Error> {
-        let mut room = Room::default();
+        let mut room = Room::of_member();
         let value = FreeJson(&mut room).visit_map(members)?;
         Ok(self.whole(&value, &room))
     }

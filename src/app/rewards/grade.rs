@@ -287,8 +287,10 @@ impl Prepared {
         if self.is_unreadable() {
             return Ok((self.unreadable()?, false));
         }
+        let begun = Instant::now();
         let graded = app.grader.grade(&self.work, deadline, who).await.map_err(AppError::without_reward)?;
         let is_cached = graded.is_cached;
+        let deadline = deadline.after(begun.elapsed());
         if self.request.scheme == Scheme::Shaped {
             app.grader.know_baseline(&self.work.given, deadline, who).await.map_err(AppError::without_reward)?;
         }

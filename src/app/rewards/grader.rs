@@ -101,6 +101,14 @@ pub struct Deadline {
     pub wait: Option<Duration>,
 }
 
+impl Deadline {
+    /// Returns what is left for more work on the same request after so much time, if the time covers waiting too.
+    #[must_use]
+    pub fn after(self, passed: Duration) -> Self {
+        if self.wait.is_some() { self } else { Self { work: self.work.saturating_sub(passed), ..self } }
+    }
+}
+
 impl From<Duration> for Deadline {
     /// Covers both waiting and work.
     fn from(work: Duration) -> Self {

@@ -92,7 +92,7 @@ impl<'de> Shape<'de> for NamedTaskShape<'_> {
     }
 
     fn object<A: MapAccess<'de>>(self, members: A) -> Result<Option<NamedTask>, A::Error> {
-        let mut room = Room::default();
+        let mut room = Room::of_member();
         let Value::Object(object) = FreeJson(&mut room).visit_map(members)? else { unreachable!("a map is an object") };
         if let Some(why) = room.fault() {
             self.faults.add(why);

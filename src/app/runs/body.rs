@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::embargo::{NewEmbargo, read_embargo};
-use crate::app::boards::actions::{REASON_CHARS, trimmed};
+use crate::app::boards::actions::{REASON_WANTED, trimmed};
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{agent_name, name, request_body};
 use crate::app::cards::card::Card;
@@ -129,7 +129,7 @@ request_body! {
 fn read_reason(value: &Value, faults: &mut Faults) -> Option<String> {
     let reason = value.as_str().and_then(trimmed);
     if reason.is_none() {
-        faults.add(format!("expected a string of 1 to {REASON_CHARS} characters"));
+        faults.add(REASON_WANTED);
     }
     reason
 }

@@ -51,6 +51,10 @@ pub fn read_embargo(value: &Value, faults: &mut Faults) -> Option<NewEmbargo> {
             faults.add_at("alias", TURNS_TEXT);
             None
         }
+        trimmed if trimmed.contains(char::is_control) => {
+            faults.add_at("alias", "control characters are not allowed");
+            None
+        }
         trimmed if (1..=LIMITS.agent_chars).contains(&trimmed.chars().count()) => Some(trimmed.to_owned()),
         _ => {
             faults.add_at("alias", format!("expected 1 to {} characters", LIMITS.agent_chars));

@@ -11,7 +11,7 @@ use crate::app::limits::LIMITS;
 use crate::app::paging::{Page, page_items};
 use crate::clock::{DAY_MS, now_ms};
 use crate::store::deliveries::{DeliveryRow, NewDelivery};
-use crate::store::webhooks::{NewWebhook, WebhookChange, WebhookRow};
+use crate::store::webhooks::{Enabling, NewWebhook, WebhookChange, WebhookRow};
 use plumbline_engine::intake::Faults;
 
 /// Reason of a webhook that its owner disabled.
@@ -76,22 +76,17 @@ pub async fn change(
     draft: Option<WebhookChangeBody>,
     mut faults: Faults,
 ) -> AppResult<WebhookRow> {
-    let before = own(app, caller, id).await?;
+    own(app, caller, id).await?;
     let WebhookChangeBody { url, events, enabled } =
         draft.unwrap_or(WebhookChangeBody { url: None, events: None, enabled: None });
     // An address that is no longer allowed may stay, so that the webhook can be disabled; nothing is posted to it.
-    let url = match url {
-        Some(url) => checked(app, &url, &mut faults),
-        None => Some(before.url),
-    };
-    let (Some(url), true) = (url, faults.is_empty()) else { return Err(AppError::faulty(faults)) };
-    let disabled_reason = match enabled {
-        None => before.disabled_reason,
-        Some(true) => None,
-        Some(false) => before.disabled_reason.or_else(|| Some(BY_OWNER.to_owned())),
-    };
-    let events = events.map_or(before.events, |events| names_of(Some(&events)));
-    let change = WebhookChange { url: &url, events: &events, disabled_reason: disabled_reason.as_deref() };
+    let url = url.and_then(|url| checked(app, &url, &mut faults));
+    if !faults.is_empty() {
+        return Err(AppError::faulty(faults));
+    }
+    let events = events.map(|events| names_of(Some(&events)));
+    let enabling = enabled.map(|is| if is { Enabling::Enabled } else { Enabling::StaysOrDisabled(BY_OWNER) });
+    let change = WebhookChange { url: url.as_deref(), events: events.as_deref(), enabling };
     app.store.change_webhook(id, &change).await?;
     own(app, caller, id).await
 }

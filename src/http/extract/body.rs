@@ -45,6 +45,14 @@ pub struct JsonBody {
 }
 
 impl JsonBody {
+    /// Takes memory from the budget for data that the body grows into.
+    ///
+    /// # Errors
+    /// Returns an error (503) if too much is taken already.
+    pub fn take_memory(&mut self, budget: &Arc<Semaphore>, bytes: usize) -> AppResult<()> {
+        grow(&mut self.share, budget, bytes / PERMIT_BYTES)
+    }
+
     /// Returns whether the body is JSON's `null`, which stands for none where a body is optional.
     pub fn is_null(&self) -> bool {
         self.bytes.trim_ascii() == b"null"
@@ -264,21 +272,28 @@ async fn read(mut body: Body, budget: &Arc<Semaphore>) -> AppResult<(Bytes, Opti
         bytes.extend_from_slice(&data);
         let held = share.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
         let wanted = (bytes.len() / PERMIT_BYTES).saturating_sub(held);
-        if wanted > 0 {
-            let more = u32::try_from(wanted).ok().and_then(|n| Arc::clone(budget).try_acquire_many_owned(n).ok());
-            let Some(more) = more else {
-                drain(body);
-                return Err(busy());
-            };
-            match &mut share {
-                Some(share) => share.merge(more),
-                none => *none = Some(more),
-            }
+        if let Err(error) = grow(&mut share, budget, wanted) {
+            drain(body);
+            return Err(error);
         }
         // Decompression may never wait for the network, so this yields to other tasks explicitly.
         tokio::task::consume_budget().await;
     }
     Ok((bytes.freeze(), share))
+}
+
+/// Takes more permits from the budget.
+fn grow(share: &mut Option<OwnedSemaphorePermit>, budget: &Arc<Semaphore>, permits: usize) -> AppResult<()> {
+    if permits == 0 {
+        return Ok(());
+    }
+    let more = u32::try_from(permits).ok().and_then(|n| Arc::clone(budget).try_acquire_many_owned(n).ok());
+    let more = more.ok_or_else(busy)?;
+    match share {
+        Some(share) => share.merge(more),
+        none => *none = Some(more),
+    }
+    Ok(())
 }
 
 fn busy() -> AppError {

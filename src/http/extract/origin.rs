@@ -13,7 +13,8 @@ use crate::http::state::AppState;
 const DEFAULT_HOST: &str = "localhost:7586";
 
 /// Scheme and host of a request's URL. Behind a proxy, `X-Forwarded-Proto` and `X-Forwarded-Host` tell what the client
-/// asked for; without the former it is taken for https, so that no cookie goes out without its protection.
+/// asked for; if it names the client alone (`X-Forwarded-For`), that is taken for https, so that no cookie goes out without
+/// its protection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Origin {
     /// Whether the client uses https.
@@ -31,11 +32,13 @@ impl fmt::Display for Origin {
 impl Origin {
     fn of(request: &Parts, is_behind_proxy: bool) -> Self {
         let forwarded = |name: &str| last(request, name).filter(|_| is_behind_proxy);
+        // An operator may reach the admin listener without the proxy.
+        let has_passed_proxy = forwarded("x-forwarded-for").is_some();
         let named = forwarded("x-forwarded-host").or_else(|| last(request, header::HOST));
         let host = named.or_else(|| request.uri.authority().map(ToString::to_string)).filter(|host| is_host(host));
         Self {
             is_secure: forwarded("x-forwarded-proto")
-                .map_or(is_behind_proxy, |scheme| scheme.eq_ignore_ascii_case("https")),
+                .map_or(has_passed_proxy, |scheme| scheme.eq_ignore_ascii_case("https")),
             host: host.unwrap_or_else(|| DEFAULT_HOST.to_owned()),
         }
     }
@@ -80,7 +83,10 @@ mod tests {
             [("host", "node:80"), ("x-forwarded-proto", "http, https"), ("x-forwarded-host", "bench.example")];
         assert_eq!(origin(&forwarded, true), "https://bench.example");
         assert_eq!(origin(&forwarded, false), "http://node:80");
-        assert_eq!(origin(&[("host", "[::1]:7586")], true), "https://[::1]:7586");
+        let passed = ("x-forwarded-for", "192.0.2.1");
+        assert_eq!(origin(&[("host", "[::1]:7586"), passed], true), "https://[::1]:7586");
+        assert_eq!(origin(&[("host", "[::1]:7586"), passed], false), "http://[::1]:7586");
+        assert_eq!(origin(&[("host", "[::1]:7586")], true), "http://[::1]:7586");
         assert_eq!(origin(&[("host", "[::1]:7586"), ("x-forwarded-proto", "http")], true), "http://[::1]:7586");
         assert_eq!(origin(&[("host", "a\"><b>")], false), "http://localhost:7586");
         assert_eq!(origin(&[], false), "http://localhost:7586");

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use plumbline_engine::tasks::Task;
 use plumbline_engine::tasks::family::{Family, SuiteSource};
 use plumbline_engine::tasks::published::TaskFile;
 use toml::Spanned;
@@ -25,6 +26,11 @@ pub fn run(data: &[u8]) {
     let files = [TaskFile { name: "suite.toml", text: &manifest }, TaskFile { name: &name, text }];
     let Ok(source) = SuiteSource::read(&files) else { return };
     if let Ok(suite) = source.suite(4) {
-        assert!(suite.tasks.iter().all(|task| !task.content_hash().is_empty()));
+        // A task is read back as it was written.
+        for task in &suite.tasks {
+            let text = serde_json::to_string(task).expect("a task is JSON");
+            let read: Task = serde_json::from_str(&text).expect("a task of the engine is one");
+            assert_eq!(read.content_hash(), task.content_hash(), "{text}");
+        }
     }
 }

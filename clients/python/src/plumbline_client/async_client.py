@@ -123,22 +123,26 @@ class AsyncEvents:
         """
         reader = EventReader(after)
         params = {"run": run, "submission": submission, "after": after}
+        attempts = Attempts(self._client.retries, is_repeatable=True)
+        had_ended = False
         while True:
-            attempts = Attempts(self._client.retries, is_repeatable=True)
             seen = reader.last_id
-            while True:
-                try:
-                    async for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
-                        if (event := reader.read(line)) is not None:
-                            yield event
-                    # The service also ends a stream when it stops.
-                    if await self._has_ended(run, submission):
-                        return
-                    break
-                except errors.PlumblineError as error:
-                    if reader.last_id != seen:
-                        break
-                    await asyncio.sleep(attempts.delay(error, was_sent=True))
+            try:
+                async for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
+                    if (event := reader.read(line)) is not None:
+                        yield event
+                        if submission is not None or (run is not None and event.submission is None):
+                            return
+                # The service also ends a stream when it stops. One that began after the end brings what there is.
+                if had_ended and reader.last_id == seen:
+                    return
+                had_ended = await self._has_ended(run, submission)
+                delay = 0.0 if had_ended or reader.last_id != seen else attempts.pause()
+            except errors.PlumblineError as error:
+                delay = 0.0 if reader.last_id != seen else attempts.delay(error, was_sent=True)
+            if reader.last_id != seen:
+                attempts = Attempts(self._client.retries, is_repeatable=True)
+            await asyncio.sleep(delay)
 
     async def _has_ended(self, run: str | UUID | None, submission: str | UUID | None) -> bool:
         if submission is not None:

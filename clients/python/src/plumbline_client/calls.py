@@ -93,8 +93,8 @@ class Attempts:
         Raises the error if there is to be none: it cannot pass, it is not known whether the request was carried out and
         it may not be carried out twice, or the attempts or the time are used up.
         """
-        self.made += 1
         asked = None
+        jittered = self.pause()
         if isinstance(error, errors.ApiError):
             # With these the service says that it did nothing.
             is_own = error.problem.type.startswith("urn:plumbline:")
@@ -110,12 +110,17 @@ class Attempts:
             raise error
         if self.made > self.retries.most:
             raise error
-        backoff = min(self.retries.longest_s, self.retries.first_s * 2.0 ** (self.made - 1))
-        jittered = random.uniform(0.0, backoff)
         delay = jittered if asked is None else asked + min(jittered, 1.0)
         if time.monotonic() - self.began + delay > self.retries.deadline_s:
             raise error
         return delay
+
+    def pause(self) -> float:
+        """Counts an attempt, and returns the seconds before the next one: longer each time."""
+        self.made += 1
+        # A float has no larger power of two.
+        doubled = 2.0 ** min(self.made - 1, 60)
+        return random.uniform(0.0, min(self.retries.longest_s, self.retries.first_s * doubled))
 
 
 @cache

@@ -71,6 +71,8 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
         let left_out = left_out(text);
         let is_all = shown.trim().is_empty();
         return Err(match left_out {
+            None if text.trim().is_empty() => "the answer has no text; what a tool call says is not read".to_owned(),
+            None if is_all => "the answer has nothing but thoughts".to_owned(),
             Some(why) if is_all || ends_in_thought => why,
             Some(why) => format!("{}; {why}", why_none(&shown, &fences, &json)),
             None => why_none(&shown, &fences, &json),
@@ -147,15 +149,15 @@ fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
         Some(fence) if !fence.language.is_empty() => {
             format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
         }
-        _ if text.trim().is_empty() => "the answer has no text; what a tool call says is not read".to_owned(),
         _ if is_command(text) => "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')".to_owned(),
         _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
     }
 }
 
-/// Returns whether a text begins like a command, and not like a comment.
+/// Returns whether a text begins with a command that builds, and not with a path or a comment.
 fn is_command(text: &str) -> bool {
-    text.trim_start().strip_prefix('/').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_lowercase()))
+    let command = text.trim_start().strip_prefix('/').and_then(|rest| rest.split_whitespace().next());
+    command.is_some_and(|name| ["fill", "setblock", "clone"].contains(&name.strip_prefix("minecraft:").unwrap_or(name)))
 }
 
 /// Why JSON of another form is no answer.
@@ -291,6 +293,8 @@ mod tests {
             ("I cannot do this.", "there is neither a block log as JSON nor action code in the answer"),
             (" \n", "the answer has no text; what a tool call says is not read"),
             ("// I cannot.", "there is neither a block log as JSON nor action code in the answer"),
+            ("<think>A wall.</think>\n", "the answer has nothing but thoughts"),
+            ("/home/me/build.js", "there is neither a block log as JSON nor action code in the answer"),
             ("/fill 0 0 0 4 4 0 stone", "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')"),
             (
                 "<think>{\"events\": []}",

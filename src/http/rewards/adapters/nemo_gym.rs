@@ -5,6 +5,8 @@
 //! `reward_scheme` name the task, at the top level or under `verifier_metadata`, `task_data` or `verification_input`.
 //! The response to a flat request repeats the request.
 
+use std::sync::Arc;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -15,7 +17,7 @@ use serde_json::{Map, Value, json};
 use super::add_misspelt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
-use crate::app::body::free::{FreeJson, Room};
+use crate::app::body::free::{FreeJson, Room, memory_of};
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::scheme::SchemeBody;
@@ -165,11 +167,13 @@ pub async fn reverify_mode() -> Json<&'static str> {
         (status = 504, description = "The deadline passed"),
     )
 )]
-pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
+pub async fn verify(State(state): State<AppState>, caller: Caller, mut body: JsonBody) -> AppResult<Json<Value>> {
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let budget = Arc::clone(&state.bodies);
     let reading = tokio::task::spawn_blocking(move || {
+        body.take_memory(&budget, memory_of(&body.bytes))?;
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
         AppResult::Ok((request, naming, texts, body.share))
@@ -203,7 +207,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
 }
 
 pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
-    let (mut faults, mut room) = (Faults::new(), Room::default());
+    let (mut faults, mut room) = (Faults::new(), Room::of_body());
     let mut document = serde_json::Deserializer::from_slice(text);
     let read = FreeJson(&mut room).deserialize(&mut document);
     match read.and_then(|value| document.end().map(|()| value)) {
@@ -238,15 +242,13 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     // A dataset may have any fields of its own at the top level, so only options that nothing else is near to are checked
     // for misspellings there.
     let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 6).collect();
-    let sent: Map<String, Value> =
-        request.iter().filter(|(key, _)| !is_own(key)).map(|(key, value)| (key.clone(), value.clone())).collect();
-    add_misspelt(&sent, &long, &mut faults);
+    add_misspelt(request.iter().filter(|(key, _)| !is_own(key)), &long, &mut faults);
     for (key, object) in &parts {
         faults.enter_key(key);
         let has_scheme = ["reward_scheme", "scheme", "reward"].iter().any(|name| object.contains_key(*name));
         let schemes = ["scheme", "reward"].iter().filter(|_| !has_scheme && missing.contains(&"reward_scheme"));
         let names: Vec<&str> = missing.iter().chain(schemes).copied().collect();
-        add_misspelt(object, &names, &mut faults);
+        add_misspelt(*object, &names, &mut faults);
         faults.leave();
     }
     if !faults.is_empty() {

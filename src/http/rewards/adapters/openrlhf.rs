@@ -4,6 +4,7 @@
 //! `task`, `suite` and `reward`. The trainer turns the response into tensors, so every list has a number for every
 //! sample, even for one that could not be graded.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use axum::Json;
@@ -16,7 +17,7 @@ use serde_json::{Map, Value};
 use super::add_misspelt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
-use crate::app::body::free::{FreeJson, Room};
+use crate::app::body::free::{FreeJson, Room, memory_of};
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::in_time::graded_in_time;
@@ -55,7 +56,7 @@ pub struct RewardQuery {
 
 /// Reads the labels of a request.
 fn labels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Value>, D::Error> {
-    let mut room = Room::default();
+    let mut room = Room::of_body();
     let labels = FreeJson(&mut room).deserialize(deserializer)?;
     match (labels, room.fault()) {
         (_, Some(why)) => Err(D::Error::custom(why)),
@@ -131,11 +132,15 @@ pub struct SampleProblem {
         (status = 504, description = "A deadline passed"),
     )
 )]
-pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Rewards>> {
+pub async fn get_reward(State(state): State<AppState>, caller: Caller, mut body: JsonBody) -> AppResult<Json<Rewards>> {
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
-    let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
+    let budget = Arc::clone(&state.bodies);
+    let reading = tokio::task::spawn_blocking(move || {
+        body.take_memory(&budget, memory_of(&body.bytes))?;
+        read(&body).map(|query| (query, body.share))
+    });
     let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
     // The trainer sends each sample by itself, all of a step at once, and gives up after a few refusals.
     let is_small = query.query.len() <= AT_ONCE;
@@ -243,7 +248,7 @@ fn shared(text: &str, prompt: &str) -> usize {
 /// # Errors
 /// Returns an error (422) if the label is empty or an option is misspelt.
 fn naming(label: &Value) -> AppResult<Map<String, Value>> {
-    let parsed = label.as_str().and_then(|text| serde_json::from_str::<Value>(text).ok());
+    let parsed = label.as_str().map(read_label).transpose()?.flatten();
     let mut object = match (label, parsed) {
         (Value::Object(naming), _) => naming.clone(),
         (_, Some(Value::Object(naming))) => naming,
@@ -271,6 +276,25 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     }
     // Other members of a label belong to the dataset.
     Ok(object.into_iter().filter(|(key, _)| OPTIONS.contains(&key.as_str())).collect())
+}
+
+/// Reads a label that is JSON as text; `None` if it is no JSON.
+///
+/// # Errors
+/// Returns an error (422) if it is too large for a label.
+fn read_label(text: &str) -> AppResult<Option<Value>> {
+    let mut room = Room::of_member();
+    let mut document = serde_json::Deserializer::from_str(text);
+    let read = FreeJson(&mut room).deserialize(&mut document);
+    let read = read.and_then(|value| document.end().map(|()| value)).ok();
+    match room.fault() {
+        None => Ok(read),
+        Some(why) => {
+            let mut faults = Faults::new();
+            faults.add(why);
+            Err(AppError::faulty(faults))
+        }
+    }
 }
 
 /// Creates the error (422) for an empty label, which trainers send if their label column is not configured.

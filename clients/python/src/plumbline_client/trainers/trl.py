@@ -40,10 +40,10 @@ async def plumbline(
     # Data sets for other frameworks call it otherwise; a column of numbers is their own.
     others = [columns.get(name) for name in ("reward_scheme", "reward")]
     schemes = (column for column in others if isinstance(column, list) and any(map(is_scheme, column)))
-    scheme = scheme or next(schemes, None)
+    scheme = next(schemes, None) if is_empty(scheme) else scheme
     given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
-    firsts = {name: column[0] if isinstance(column, list) and column else None for name, column in columns.items()}
-    refuse_misspelt({**firsts, **{name: None for name, column in given.items() if column is not None}})
+    shown = {name: first_scheme(column) for name, column in columns.items()}
+    refuse_misspelt({**shown, **{name: None for name, column in given.items() if not is_empty(column)}})
     requests: list[Request] = []
     for index, completion in enumerate(completions):
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
@@ -66,6 +66,16 @@ async def plumbline(
     if log_metric is not None:
         log_metric("plumbline/failed", sum(reward is None for reward in rewards) / max(len(rewards), 1))
     return rewards
+
+
+def is_empty(column: Sequence[Any] | None) -> bool:
+    """Whether no row has a value: data sets that were joined have such columns."""
+    return column is None or all(value is None for value in column)
+
+
+def first_scheme(column: Any) -> Any:
+    """Returns the first value of a column that is a scheme; None if there is none."""
+    return next(filter(is_scheme, column), None) if isinstance(column, list) else None
 
 
 def at(column: Sequence[str | None] | None, index: int) -> str | None:
