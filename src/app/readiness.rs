@@ -17,6 +17,11 @@ const HOLDS_FOR: Duration = Duration::from_secs(1);
 /// Time that the database may take.
 const PATIENCE: Duration = Duration::from_secs(4);
 
+/// What the operator is told if the file is gone.
+pub const LOST_FILE: &str = "the database file was deleted, moved or replaced while the service runs. What is written now \
+                             is lost when it stops: put the file back where it was, with its -wal, or, if it was deleted, \
+                             copy both from /proc/PID/fd before you stop the service";
+
 /// What the last look came to: what the node lacks, or why it is not ready.
 type Found = Result<Vec<String>, &'static str>;
 
@@ -78,6 +83,10 @@ impl Readiness {
                     "not ready: the disk of the database has too little room"
                 );
                 Err("The disk of the database has less than 2 MiB of room.")
+            }
+            Ok(Ok(_)) if store.has_lost_its_file() => {
+                tracing::error!("not ready: {LOST_FILE}");
+                Err("The database file was deleted, moved or replaced; the service's log says what to do.")
             }
             Ok(Ok((_, lacking))) => Ok(lacking),
             Ok(Err(error)) => {

@@ -15,6 +15,7 @@ use super::process::block_on;
 use super::witness::folder_of;
 use crate::app::submissions::decision::lane_of;
 use crate::store::secrets::Secrets;
+use crate::store::serving::Serving;
 use crate::store::sqlite::copies::{Contents, copy, inspect};
 use crate::store::transfer::export;
 use crate::store::transfer_tables::{KINDS, Kind};
@@ -101,6 +102,9 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         if left.exists() {
             bail!("{} already exists; move it away first (and stop the service)", left.display());
         }
+    }
+    if beside(".lock").exists() && Serving::of(database)?.is_shared {
+        bail!("a process serves {} still, although the file is gone: stop it first", database.display());
     }
     if args.with_secrets && !keys.folder().is_dir() {
         bail!("there are no keys beside {from}: the backup was made without --with-secrets");

@@ -2,6 +2,7 @@
 
 pub mod archive;
 pub mod build;
+pub mod check;
 pub mod checksums;
 pub mod conformance;
 pub mod copies;
@@ -98,6 +99,9 @@ pub enum Command {
     VerifyReceipt(receipts::VerifyReceiptArgs),
     /// Bring a database's schema up to date, after making a copy.
     Migrate(database::MigrateArgs),
+    /// Read everything in a database and say what is damaged; the service may keep running. Exit 1 if anything is, 2 if
+    /// the database could not be read.
+    Check(check::CheckArgs),
     /// Write a consistent copy of the database to a file; the service may keep running.
     Backup(copies::CopyArgs),
     /// Restore the database from a backup.
@@ -131,7 +135,8 @@ impl Command {
             | Self::VerifyDraw(_)
             | Self::VerifyEpoch(_)
             | Self::VerifyArchive(_)
-            | Self::VerifyReceipt(_) => 2,
+            | Self::VerifyReceipt(_)
+            | Self::Check(_) => 2,
             _ => 1,
         }
     }
@@ -172,6 +177,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::VerifyArchive(args) => archive::verify(&args),
         Command::VerifyReceipt(args) => receipts::run(&args),
         Command::Migrate(args) => database::migrate(&args),
+        Command::Check(args) => check::run(&args),
         Command::Backup(args) => copies::back_up(&args),
         Command::Restore(args) => copies::restore(&args),
         Command::Export(args) => copies::export_lines(&args),

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
+use anyhow::bail;
 use clap::Args;
 
 use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
@@ -48,6 +49,9 @@ pub struct WorkArgs {
 /// # Errors
 /// Returns an error if the workers cannot start.
 pub fn run(args: &WorkArgs) -> anyhow::Result<ExitCode> {
+    if let Some(file) = args.database.database.file().filter(|file| !file.exists()) {
+        bail!("there is no database {}; `plumbline serve` makes one, and `work` grades beside it", file.display());
+    }
     let config = Config {
         listen: args.listen.clone(),
         admin_listen: None,

@@ -12,6 +12,7 @@ use crate::app::App;
 use crate::app::hidden::completion;
 use crate::app::hidden::log::look_for_damage;
 use crate::app::hidden::pools::publish_pool;
+use crate::app::readiness::LOST_FILE;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
 use crate::clock::steady::SteadyClock;
@@ -56,6 +57,9 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
         let now = clock.now_ms();
         metrics.run_upkeep();
         rates.evict_idle();
+        if store.has_lost_its_file() {
+            tracing::error!("{LOST_FILE}");
+        }
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }

@@ -178,6 +178,16 @@ impl StoreError {
         }
     }
 
+    /// Names the row in an error about damage.
+    #[must_use]
+    pub fn in_row(self, table: &'static str, row: &str) -> Self {
+        match self {
+            Self::Corrupt { detail, .. } => Self::corrupt(table, format!("{row}: {detail}")),
+            Self::BlobLost(detail) => Self::BlobLost(format!("{detail}, which {table} {row} refers to")),
+            other => other,
+        }
+    }
+
     /// Creates the error for a failure of the program.
     pub fn failed(what: &'static str, detail: impl std::fmt::Display) -> Self {
         Self::Failed { what, detail: detail.to_string() }
@@ -204,11 +214,13 @@ fn remedy(error: &sqlx::Error) -> &'static str {
 /// Returns whether a code of the database says that the same operation may succeed in a moment.
 ///
 /// SQLite gives numbers, whose low byte is the primary code. PostgreSQL gives five characters (appendix A of its
-/// manual): serialization failures, deadlocks, locks that are not available, and a server that starts or stops.
+/// manual): serialization failures, deadlocks, locks that are not available, a server that starts or stops, and one that
+/// takes no writes, as a standby after a failover.
 fn is_busy_code(code: &str) -> bool {
     const SQLITE_BUSY: i32 = 5;
     const SQLITE_LOCKED: i32 = 6;
-    const POSTGRES: [&str; 9] = ["40001", "40P01", "55P03", "57014", "57P01", "57P02", "57P03", "25P03", "53300"];
+    const POSTGRES: [&str; 10] =
+        ["25006", "40001", "40P01", "55P03", "57014", "57P01", "57P02", "57P03", "25P03", "53300"];
     if code.len() == 5 {
         return POSTGRES.contains(&code) || code.starts_with("08");
     }

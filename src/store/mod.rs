@@ -9,6 +9,7 @@ pub mod blobs;
 pub mod board_actions;
 pub mod boards;
 pub mod cards;
+pub mod checking;
 pub mod claims;
 pub mod completion;
 mod compression;
@@ -84,6 +85,7 @@ use location::Location;
 use pace::Pace;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::catalogue::Catalogue;
+use readiness::FileIdentity;
 use secrets::{Secrets, random_key};
 
 /// Handle to the database; clones share its connections.
@@ -103,6 +105,8 @@ pub struct Store {
     signer: Arc<OnceLock<Arc<Signer>>>,
     secrets_read: Arc<SecretsRead>,
     blobs: Blobs,
+    /// Identity of the file when it was opened.
+    file: Option<FileIdentity>,
 }
 
 impl Store {
@@ -151,6 +155,7 @@ impl Store {
             signer: Arc::default(),
             secrets_read: Arc::default(),
             blobs,
+            file: location.file().and_then(FileIdentity::of),
         };
         store.refresh_catalogue().await?;
         Ok(store)

@@ -75,6 +75,16 @@ macro_rules! select_receipt {
     };
 }
 
+/// Selects all receipts, in the order of the log.
+pub(super) const SELECT_ALL: &str = select_receipt!("ORDER BY r.seq");
+
+/// Reads a receipt with all that it has, whether or not the public may see it.
+pub(super) fn read_whole(row: &Row) -> StoreResult<ReceiptFile> {
+    let body: &str = row.get("body")?;
+    let receipt = serde_json::from_str(body).map_err(|error| StoreError::corrupt("receipts", error))?;
+    Ok(ReceiptFile { receipt: Some(receipt), signature: Some(row.get("signature")?), ..read(row)? })
+}
+
 /// Reads a receipt as the public may see it now: body and signature of a hidden instance's receipt only once its epoch
 /// is over.
 fn read(row: &Row) -> StoreResult<ReceiptFile> {

@@ -25,7 +25,7 @@ use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 
 /// Line of an export: the columns of a row in their order, and for submissions the id of the task.
-struct Line(Vec<(&'static str, Box<RawValue>)>);
+pub(super) struct Line(Vec<(&'static str, Box<RawValue>)>);
 
 impl Serialize for Line {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -39,7 +39,7 @@ impl Serialize for Line {
 
 impl Kind {
     /// Returns a row as a line. What is an object is a part of the line, as everything else is.
-    async fn line(&self, row: &Row, pool: &Pool, blobs: &Blobs) -> StoreResult<Line> {
+    pub(super) async fn line(&self, row: &Row, pool: &Pool, blobs: &Blobs) -> StoreResult<Line> {
         let corrupt = |error: serde_json::Error| StoreError::corrupt(self.table, error);
         let mut line = Vec::with_capacity(self.columns.len() + 1);
         for (i, (_, name, form)) in self.columns.iter().enumerate() {
@@ -70,7 +70,7 @@ impl Kind {
         Ok(Line(line))
     }
 
-    fn select(&self) -> String {
+    pub(super) fn select(&self) -> String {
         let columns: Vec<&str> = self.columns.iter().map(|(column, ..)| *column).collect();
         let task = match self.table {
             "submissions" => ", (SELECT t.id FROM tasks t WHERE t.hash = task_hash) AS named_task",
@@ -126,6 +126,32 @@ impl Kind {
     }
 }
 
+/// Opens a database to read it.
+pub(super) async fn open_reading(database: &Location) -> StoreResult<Pool> {
+    match database {
+        Location::Memory => Err(StoreError::Missing(Location::Memory)),
+        Location::Unreadable(why) => Err(StoreError::Unreadable(why.clone())),
+        Location::File(file) => sqlite::open_reading(file).await,
+        Location::Server(server) => postgres::open(server, false).await,
+    }
+}
+
+/// Begins a transaction that reads whole tables from one consistent snapshot.
+pub(super) async fn begin_snapshot(pool: &Pool) -> StoreResult<Tx> {
+    let mut moment = pool.begin_reading().await?;
+    if moment.dialect() == Dialect::Postgres {
+        // A table is one statement, and may take longer than those of requests.
+        query("SET LOCAL statement_timeout = 0").execute(&mut moment).await?;
+    }
+    Ok(moment)
+}
+
+/// Returns what names a row of a table: its first column.
+pub(super) fn name_of(row: &Row) -> String {
+    let text = row.get::<Option<String>>(0).ok().flatten();
+    text.or_else(|| row.get::<Option<i64>>(0).ok().flatten().map(|number| number.to_string())).unwrap_or_default()
+}
+
 /// Passes every row of every kind to `write` as a line of JSON, from one consistent snapshot.
 ///
 /// # Errors
@@ -135,21 +161,13 @@ pub async fn export(
     mut write: impl FnMut(&'static Kind, &str) -> std::io::Result<()>,
 ) -> StoreResult<()> {
     schema::state(database).await?.must_be_current(database)?;
-    let pool = match database {
-        Location::Memory => return Err(StoreError::Missing(Location::Memory)),
-        Location::Unreadable(why) => return Err(StoreError::Unreadable(why.clone())),
-        Location::File(file) => sqlite::open_reading(file).await?,
-        Location::Server(server) => postgres::open(server, false).await?,
-    };
+    let pool = open_reading(database).await?;
     let blobs = Blobs::open(&pool).await?;
-    let mut moment = pool.begin_reading().await?;
-    if moment.dialect() == Dialect::Postgres {
-        // A table is one statement, and may take longer than those of requests.
-        query("SET LOCAL statement_timeout = 0").execute(&mut moment).await?;
-    }
+    let mut moment = begin_snapshot(&pool).await?;
     for kind in KINDS {
         let each = async |row: Row| {
-            let line = kind.line(&row, &pool, &blobs).await?;
+            let line =
+                kind.line(&row, &pool, &blobs).await.map_err(|error| error.in_row(kind.table, &name_of(&row)))?;
             let line = serde_json::to_string(&line).map_err(|e| StoreError::corrupt(kind.table, e))?;
             write(kind, &line).map_err(StoreError::Export)
         };

@@ -91,7 +91,7 @@ async fn a_backup_of_a_running_service_restores_to_the_same_answers() {
 
     a_changed_byte_is_told(folder.path());
     succeeded(&plumbline("restore", &path("copy.db"), &path("restored.db")));
-    let restored = Service::start(&path("restored.db"), &[]);
+    let restored = Service::start(&path("restored.db"), &["--new-receipt-key"]);
     assert_eq!(restored.get(&format!("/v1/runs/{id}")).await.json(), run);
     assert_eq!(restored.get(&format!("/v1/runs/{id}/submissions?limit=1000")).await.json(), submissions);
     assert_eq!(restored.get(&format!("/v1/submissions/{first}/report")).await.text, report);
@@ -251,4 +251,90 @@ fn what_is_no_backup_is_refused() {
     }
     assert!(!plumbline("backup", &path("copy"), &path("none")).status.success());
     assert!(!path("none").exists(), "looking makes no database");
+}
+
+#[tokio::test]
+async fn a_check_names_each_damaged_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start(&database, &[]);
+    finished_run(&service, "checked").await;
+    let check = || {
+        let output = Command::new(PROGRAM).arg("check").args(crate::support::database::named(&database)).output();
+        let output = output.unwrap();
+        (output.status.code(), String::from_utf8(output.stdout).unwrap())
+    };
+    // While the service runs.
+    let (code, told) = check();
+    assert_eq!(code, Some(0), "{told}");
+    assert!(told.contains("submissions: 40 rows") && told.contains("nothing is damaged"), "{told}");
+    drop(service);
+    let pool = crate::support::database::pool(&database).await;
+    let first =
+        async |sql: &'static str| -> String { plumbline::store::db::query_scalar(sql).fetch_one(&pool).await.unwrap() };
+    let submission = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1").await;
+    let other = first("SELECT id FROM submissions ORDER BY task_number DESC LIMIT 1").await;
+    let allow = plumbline::store::db::Each {
+        sqlite: "DROP TRIGGER receipts_stand",
+        postgres: "DROP TRIGGER receipts_stay ON receipts",
+    };
+    plumbline::store::db::query(allow).execute(&pool).await.unwrap();
+    for damage in [
+        "UPDATE submissions SET log = (SELECT log FROM submissions ORDER BY task_number DESC LIMIT 1)
+         WHERE id = (SELECT id FROM submissions ORDER BY task_number LIMIT 1)",
+        "UPDATE reports SET body = CAST(log_hash AS BLOB) FROM submissions s WHERE s.id = reports.submission_id
+         AND s.id = (SELECT id FROM submissions ORDER BY task_number DESC LIMIT 1)",
+        "UPDATE receipts SET signature = (SELECT signature FROM receipts WHERE seq = 1) WHERE seq = 3",
+    ] {
+        let damage = if crate::support::database::is_postgres() {
+            damage.replace("CAST(log_hash AS BLOB)", "log_hash::bytea")
+        } else {
+            damage.to_owned()
+        };
+        plumbline::store::db::query(sqlx::AssertSqlSafe(damage)).execute(&pool).await.unwrap();
+    }
+    let (code, told) = check();
+    assert_eq!(code, Some(1), "{told}");
+    let damaged: Vec<&str> = told.lines().filter(|line| line.starts_with("DAMAGED")).collect();
+    assert_eq!(damaged.len(), 3, "{told}");
+    for (place, why) in [
+        (format!("submissions {submission}: "), "another SHA-256"),
+        (format!("reports {other}: "), ""),
+        ("receipts 3: ".to_owned(), "signature"),
+    ] {
+        assert!(damaged.iter().any(|line| line.contains(&place) && line.contains(why)), "{place}: {told}");
+    }
+    assert!(told.contains("3 faults"), "{told}");
+    // An export says at which row it stops.
+    let refused = plumbline("export", &folder.path().join("lines"), &database);
+    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && told.contains(&other), "{told}");
+}
+
+#[tokio::test]
+async fn a_file_that_is_gone_is_told_while_the_service_runs() {
+    if crate::support::database::is_postgres() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start(&database, &[]);
+    std::fs::rename(&database, folder.path().join("aside.db")).unwrap();
+    let gone = service.wait_for("/readyz", |ready| ready["status"].is_null() || ready["status"] != "ok").await;
+    assert!(gone["detail"].as_str().unwrap().contains("was deleted, moved or replaced"), "{gone}");
+    // Nothing takes its place while the process writes to the old one.
+    let aside = folder.path().join("aside.db");
+    for ending in ["-wal", "-shm"] {
+        let _ = std::fs::remove_file(format!("{}{ending}", database.display()));
+    }
+    let refused = plumbline("restore", &aside, &database);
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("stop it first"), "{refused:?}");
+    std::fs::rename(&aside, &database).unwrap();
+    service.wait_for("/readyz", |ready| ready["status"] == "ok").await;
+    // A worker makes no database of its own.
+    let nowhere = folder.path().join("misspelt.db");
+    let mut work = Command::new(PROGRAM);
+    work.args(["work", "--listen", "127.0.0.1:0", "--database"]).arg(&nowhere);
+    let refused = work.output().unwrap();
+    assert!(!refused.status.success() && !nowhere.exists(), "{refused:?}");
 }
