@@ -19,6 +19,7 @@ use crate::fair::Permit;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::schema::EventAction;
+use plumbline_engine::intake::text::thinking::thoughts_removed;
 use plumbline_engine::voxel::{BlockLog, Cell, Event};
 
 /// Takes a permit for a request whose action code runs or waits.
@@ -84,10 +85,20 @@ pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
     Ok(answer)
 }
 
+/// Adds a fault for code that is too long. What a model only thought is none of it, but takes room as well.
 fn add_too_long(files: &[String], app: &App, faults: &mut Faults) -> bool {
-    let (bytes, most) = (files.iter().map(String::len).sum::<usize>(), app.limits.action_code_bytes);
+    let limits = &app.limits;
+    let bytes: usize = files.iter().map(String::len).sum();
+    let (what, bytes, most) = if bytes > limits.action_text_bytes {
+        ("bytes", bytes, limits.action_text_bytes)
+    } else if bytes > limits.action_code_bytes {
+        let code = files.iter().map(|file| thoughts_removed(file).len()).sum();
+        ("bytes without thoughts", code, limits.action_code_bytes)
+    } else {
+        return false;
+    };
     if bytes > most {
-        faults.add_at("action_code", format!("{bytes} bytes; at most {most} are allowed"));
+        faults.add_at("action_code", format!("{bytes} {what}; at most {most} are allowed"));
     }
     bytes > most
 }

@@ -66,7 +66,7 @@ pub fn set_in_bodies(components: &mut Components) {
         unreachable!("action code is one text or several");
     };
     // Action code has at least as many bytes as characters.
-    let bounds = [MaxChars(LIMITS.action_code_bytes), MaxItems(MAX_FILES)];
+    let bounds = [MaxChars(LIMITS.action_text_bytes), MaxItems(MAX_FILES)];
     for (form, bound) in code.items.iter_mut().zip(bounds) {
         set(Some(form), bound);
     }

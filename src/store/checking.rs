@@ -9,8 +9,9 @@ use super::blobs::Blobs;
 use super::db::{Dialect, Pool, Row, Text, Tx, query, query_scalar};
 use super::location::Location;
 use super::secrets::Secrets;
+use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::transfer_tables::{KINDS, Kind};
-use super::{StoreResult, receipts, schema, transfer};
+use super::{StoreResult, receipts, schema};
 use plumbline_engine::hidden::receipts::{ReceiptFile, verify, verify_chain};
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
@@ -43,9 +44,9 @@ pub async fn check(
     tell: &mut dyn FnMut(Damage),
 ) -> StoreResult<Vec<(&'static str, u64)>> {
     schema::state(database).await?.must_be_current(database)?;
-    let pool = transfer::open_reading(database).await?;
+    let pool = open_reading(database).await?;
     let blobs = Blobs::open(&pool).await?;
-    let moment = transfer::begin_snapshot(&pool).await?;
+    let moment = begin_snapshot(&pool).await?;
     let mut check = Check { pool, blobs, moment, tell };
     check.file().await;
     let mut counts = Vec::new();
@@ -100,7 +101,7 @@ impl Check<'_> {
             count += 1;
             let found = look(&row, pool, blobs).await.unwrap_or_else(|error| Some(error.to_string()));
             if let Some(detail) = found {
-                tell(Damage { place: format!("{table} {}", transfer::name_of(&row)), detail });
+                tell(Damage { place: format!("{table} {}", name_of(&row)), detail });
             }
             Ok(())
         };

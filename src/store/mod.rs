@@ -61,6 +61,7 @@ pub mod schema;
 pub mod secrets;
 pub mod serving;
 mod settling;
+mod snapshot;
 pub mod sqlite;
 pub mod states;
 pub mod submissions;

@@ -248,3 +248,27 @@ async fn names_that_are_nearly_right_are_suggested() {
         assert!(refused.text.contains(told), "{body}: {}", refused.text);
     }
 }
+
+/// What a model thinks may be longer than any code; only the code is bounded as code, at every door.
+#[tokio::test]
+async fn long_thoughts_are_no_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let code = format!("Here:\n```js\n(async (bot) => {{ {WALL} }})\n```\n");
+    let thought = |bytes: usize| format!("<think>{}</think>{code}", "Should it be dirt?\n".repeat(bytes / 19));
+    let submission = |text: String| json!({ "task": "walls/5x1x5-raise", "turns": [{ "action_code": text }] });
+    let accepted = service.post_json("/v1/submissions", &submission(thought(600_000))).await.json();
+    let path = format!("/v1/submissions/{}", accepted["id"].as_str().unwrap());
+    let ended = service.wait_for(&path, |submission| submission["state"] == "graded").await;
+    assert_eq!(ended["action_code"][0]["events"], json!(25), "{ended}");
+    let graded = graded(&service, &thought(600_000)).await;
+    assert_eq!(graded["criteria"][0]["mean"], json!(1.0), "{graded}");
+    for (text, told) in [
+        (thought(5_000_000), "bytes; at most 4194304"),
+        (format!("{code}{}", "// dirt?\n".repeat(70_000)), "bytes without thoughts; at most 524288"),
+    ] {
+        let refused = service.post_json("/v1/submissions", &submission(text)).await;
+        assert_eq!(refused.faults(422), ["null /turns/0/action_code"]);
+        assert!(refused.text.contains(told), "{}", refused.text);
+    }
+}

@@ -139,7 +139,15 @@ async fn messages_are_turns() {
     let verified = service.post_json("/verify", &whole).await.json();
     assert_eq!((&verified["reward"], verified.get("failure_reason")), (&json!(1.0), None), "{verified}");
     let half = service.post_json("/verify", &said(vec![message("assistant", first.to_string())])).await.json();
-    assert_eq!(half["failure_reason"], "the task has 2 turns; answers found: 1", "{half}");
+    assert_eq!((&half["reward"], half.get("failure_reason")), (&json!(0.0), None), "{half}");
+    // Who stops early has built what stands, as in an episode.
+    let mean = json!({ "task": id, "answer": first.to_string(), "reward": "mean" });
+    let half = service.post_json("/v1/grade", &mean).await.json();
+    let reward = half["reward"].as_f64().unwrap();
+    assert!(reward > 0.0 && reward < 1.0, "{half}");
+    assert_eq!(half["answer"]["empty_turns"], json!([{ "text": 2, "why": "the model stopped before this turn" }]));
+    let empty = json!({ "task": id, "turns": [first, { "events": [] }], "reward": "mean" });
+    assert_eq!(service.post_json("/v1/grade", &empty).await.json()["reward"], json!(reward));
     let texts = json!({ "task": id, "answer": [first.to_string(), format!("<think>{first}</think>{second}")] });
     let graded = service.post_json("/v1/grade", &texts).await.json();
     assert_eq!((&graded["reward"], &graded["answer"]["found"][1]["text"]), (&json!(1.0), &json!(2)), "{graded}");

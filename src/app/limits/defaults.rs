@@ -96,6 +96,7 @@ pub const LIMITS: Limits = Limits {
     reward_weight_max: 1e9,
     grade_cache_bytes: 64 << 20,
     action_code_bytes: ACTION_LIMITS.code_bytes,
+    action_text_bytes: 8 * ACTION_LIMITS.code_bytes,
     action_files: MAX_FILES,
     action_files_cpu_ms: ACTION_LIMITS.cpu_ms * FILES_TIMES,
     action_log_lines: ACTION_LIMITS.log_lines,

@@ -155,8 +155,10 @@ pub struct Limits {
     pub reward_weight_max: f64,
     /// Bytes of memory for the cache of results of `/v1/grade`, by log and task, unless `serve` sets another limit.
     pub grade_cache_bytes: usize,
-    /// Bytes in the action code of a turn.
+    /// Bytes in the action code of a turn, without what a model thought.
     pub action_code_bytes: usize,
+    /// Bytes in the action code of a turn, with what a model thought.
+    pub action_text_bytes: usize,
     /// Files of action code in a turn.
     pub action_files: usize,
     /// Milliseconds of processor time that all files of a log may use together under `published`, where each runs on its

@@ -14,7 +14,8 @@ use plumbline_engine::voxel::{BlockLog, Profile};
 pub struct AnswerBody {
     /// Location of each answer that was used.
     pub found: Vec<FoundBody>,
-    /// Texts without an answer that can be used, whose turns are empty: as many texts as turns give one turn each.
+    /// Turns that are empty: as many texts as turns give one turn each, also one without an answer that can be used, and
+    /// a model that stops early leaves the last turns empty.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub empty_turns: Vec<EmptyTurnBody>,
     /// Reason why nothing could be graded; then the reward is 0, and the model is responsible for it.
@@ -23,10 +24,10 @@ pub struct AnswerBody {
     pub why: Option<String>,
 }
 
-/// Text of a model that leaves its turn empty.
+/// Turn that a model leaves empty.
 #[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct EmptyTurnBody {
-    /// Number of the text, from 1.
+    /// Number of the turn, from 1, which is that of its text if there is one for each turn.
     pub text: usize,
     /// Reason why it has no answer that can be used.
     pub why: String,
@@ -61,8 +62,9 @@ pub enum FoundKind {
 /// Finds the log of a task with this number of turns in texts, and where it was found.
 ///
 /// For a task of one turn the last answer counts. For a task of several turns, as many texts as turns give one turn each,
-/// and one without an answer leaves its turn empty; of more texts the last answers give one turn each. Or the last answer
-/// gives all turns. Texts without an answer are otherwise ignored.
+/// and one without an answer leaves its turn empty; of more texts the last answers give one turn each. Fewer answers than
+/// turns give the first turns, and leave the others empty. Or the last answer gives all turns. Texts without an answer are
+/// otherwise ignored.
 ///
 /// # Errors
 /// Returns the reason if there is no such log.
@@ -92,11 +94,10 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
         found.drain(..found.len() - 1);
     } else if of_last != 1 {
         return Err(format!("the answer has {}; the task has {turns}", counted(of_last, "turn")));
-    } else if found.len() < turns {
-        return Err(format!("the task has {}; answers found: {}", counted(turns, "turn"), found.len()));
-    } else {
+    } else if found.len() >= turns {
         found.drain(..found.len() - turns);
     }
+    let begun = if of_last == turns { turns } else { found.len() };
     refuse_files(&found)?;
     let mut sent = SentLog::default();
     for (place, answer) in &found {
@@ -107,7 +108,17 @@ pub fn log_in_texts(texts: &[String], turns: usize, profile: Profile) -> Result<
         sent.append(&answer.sent);
     }
     let found = found.into_iter().map(|(place, answer)| FoundBody::of(place, answer)).collect();
-    Ok((sent, AnswerBody { found, ..AnswerBody::default() }))
+    let mut answer = AnswerBody { found, ..AnswerBody::default() };
+    for turn in begun + 1..=turns {
+        leave_empty(&mut sent, &mut answer, turn, "the model stopped before this turn");
+    }
+    Ok((sent, answer))
+}
+
+/// Adds an empty turn.
+fn leave_empty(sent: &mut SentLog, answer: &mut AnswerBody, turn: usize, why: &str) {
+    sent.append(&BlockLog { turns: vec![Vec::new()], ..BlockLog::default() }.into());
+    answer.empty_turns.push(EmptyTurnBody { text: turn, why: why.to_owned() });
 }
 
 /// Puts the answers of texts together, each as the turn of its text; a text without one leaves its turn empty.
@@ -120,10 +131,7 @@ fn one_for_each(read: &[(usize, Result<FoundAnswer, String>)]) -> Result<(SentLo
                 sent.append(&found.sent);
                 answer.found.push(FoundBody::of(*place, found));
             }
-            Err(why) => {
-                sent.append(&BlockLog { turns: vec![Vec::new()], ..BlockLog::default() }.into());
-                answer.empty_turns.push(EmptyTurnBody { text: *place, why: why.clone() });
-            }
+            Err(why) => leave_empty(&mut sent, &mut answer, *place, why),
         }
     }
     Ok((sent, answer))
@@ -217,9 +225,11 @@ mod tests {
         assert_eq!(found(&[one, both], 2), Ok(vec![2]));
         assert_eq!(found(&[one, "I am sorry"], 2), Ok(vec![1]), "the second turn is empty");
         assert_eq!(found(&["I am sorry", one], 2), Ok(vec![2]));
-        assert_eq!(found(&[one], 2), Err("the task has 2 turns; answers found: 1".to_owned()));
+        assert_eq!(found(&[one], 2), Ok(vec![1]), "the second turn is empty");
+        assert_eq!(found(&[one, one], 3), Ok(vec![1, 2]));
         assert_eq!(found(&[both], 3), Err("the answer has 2 turns; the task has 3".to_owned()));
-        assert_eq!(found(&["", "no", one, ""], 2), Err("the task has 2 turns; answers found: 1".to_owned()));
+        assert_eq!(found(&["", "no", one, ""], 2), Ok(vec![3]));
+        assert_eq!(found(&[both, one], 3), Err("text 1 has 2 turns; each text answers one".to_owned()));
         assert_eq!(found(&[both, one], 2), Err("text 1 has 2 turns; each text answers one".to_owned()));
         assert!(found(&["no"], 1).is_err());
     }

@@ -17,6 +17,7 @@ use super::body::check_url;
 use super::message::{message_of, name_of, signatures};
 use crate::app::App;
 use crate::app::limits::LIMITS;
+use crate::clock::steady::SteadyClock;
 use crate::clock::{DAY_MS, now_ms};
 use crate::store::StoreResult;
 use crate::store::deliveries::{Attempted, DeliveryRow, NewDelivery};
@@ -86,7 +87,9 @@ pub async fn deliver(app: Arc<App>) {
     };
     let mut rounds = Rounds { client, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
     let mut forgotten = tokio::time::Instant::now();
+    let mut clock = SteadyClock::new();
     while !app.stop.is_cancelled() {
+        let now = clock.now_ms();
         if let Err(error) = rounds.store_new(&app).await {
             tracing::warn!(%error, "could not store deliveries to webhooks");
         }
@@ -95,7 +98,7 @@ pub async fn deliver(app: Arc<App>) {
         }
         if forgotten.elapsed() >= FORGET_EVERY {
             forgotten = tokio::time::Instant::now();
-            let before = |days: i64| now_ms() - days * DAY_MS;
+            let before = |days: i64| now - days * DAY_MS;
             let old = (before(LIMITS.webhook_delivered_days), before(LIMITS.webhook_dead_days));
             if let Err(error) = app.store.forget_old_deliveries(old.0, old.1).await {
                 tracing::warn!(%error, "could not delete old deliveries to webhooks");

@@ -13,7 +13,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, RootModel
 
 
 class ActionCode1(RootModel[str]):
-    root: Annotated[str, Field(max_length=524288)]
+    root: Annotated[str, Field(max_length=4194304)]
     """
     The answer or file.
     """
@@ -360,7 +360,7 @@ class EmbargoBody(BaseModel):
 
 class EmptyTurnBody(BaseModel):
     """
-    Text of a model that leaves its turn empty.
+    Turn that a model leaves empty.
     """
 
     model_config = ConfigDict(
@@ -368,7 +368,7 @@ class EmptyTurnBody(BaseModel):
     )
     text: Annotated[int, Field(ge=0)]
     """
-    Number of the text, from 1.
+    Number of the turn, from 1, which is that of its text if there is one for each turn.
     """
     why: str
     """
@@ -1169,7 +1169,11 @@ class Limits(BaseModel):
     """
     action_code_bytes: Annotated[int, Field(ge=0)]
     """
-    Bytes in the action code of a turn.
+    Bytes in the action code of a turn, without what a model thought.
+    """
+    action_text_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes in the action code of a turn, with what a model thought.
     """
     action_files: Annotated[int, Field(ge=0)]
     """
@@ -5397,7 +5401,8 @@ class AnswerBody(BaseModel):
     """
     empty_turns: list[EmptyTurnBody] | None = None
     """
-    Texts without an answer that can be used, whose turns are empty: as many texts as turns give one turn each.
+    Turns that are empty: as many texts as turns give one turn each, also one without an answer that can be used, and
+    a model that stops early leaves the last turns empty.
     """
     why: Annotated[
         str | None,

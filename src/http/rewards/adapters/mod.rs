@@ -3,6 +3,7 @@
 pub mod nemo_gym;
 pub mod nemo_metrics;
 pub mod openrlhf;
+mod prompt;
 
 use serde_json::Value;
 
