@@ -81,6 +81,7 @@ async fn follow(service: &Service, path: &str, last: Option<&str>, events: usize
     }
     let mut response = request.send().await.unwrap();
     assert_eq!(response.headers()["content-type"], "text/event-stream");
+    assert_eq!(response.headers()["x-accel-buffering"], "no", "nginx would hold events back");
     let mut text = String::new();
     while text.matches("\n\n").count() < events {
         let chunk = tokio::time::timeout(std::time::Duration::from_secs(30), response.chunk()).await;

@@ -93,6 +93,8 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
     for (alias, until, pointer) in [
         ("Public Model", until.as_str(), "/embargo/alias"),
         ("Secret Model", until.as_str(), "/embargo/alias"),
+        ("maple\u{0}7", until.as_str(), "/embargo/alias"),
+        ("maple\n\u{1b}[31m7", until.as_str(), "/embargo/alias"),
         ("maple-7", "2020-01-01", "/embargo/until"),
     ] {
         let refused = service.post_json("/v1/runs", &anonymous_run(alias, until)).await;

@@ -276,3 +276,63 @@ fn readers_that_have_seen_enough_are_left_in_peace() {
         assert!(!output.stdout.is_empty(), "{command}");
     }
 }
+
+#[tokio::test]
+async fn a_filter_of_the_log_that_hides_errors_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    for (filter, format, told) in [
+        ("inof", "text", "RUST_LOG hides errors of the service"),
+        ("plumbline=nothing", "text", "RUST_LOG is not a valid filter"),
+        ("inof", "json", r#"{"level":"WARN","message":"RUST_LOG hides errors of the service"#),
+    ] {
+        let mut command = Command::new(PROGRAM);
+        command.env("RUST_LOG", filter);
+        let database = folder.path().join("p.db");
+        if format == "json" {
+            // It prints no address to wait for.
+            let mut process = command
+                .args(["serve", "--listen", "127.0.0.1:0", "--log-format", format, "--database"])
+                .arg(&database)
+                .stderr(std::process::Stdio::piped())
+                .spawn()
+                .unwrap();
+            let mut first = String::new();
+            std::io::BufRead::read_line(&mut std::io::BufReader::new(process.stderr.take().unwrap()), &mut first)
+                .unwrap();
+            process.kill().unwrap();
+            process.wait().unwrap();
+            assert!(first.starts_with(told), "{first}");
+            serde_json::from_str::<serde_json::Value>(&first).unwrap();
+        } else {
+            let service = Service::start_by(command, &database, &["--open"]);
+            let said = service.said.lock().unwrap().join("\n");
+            assert!(said.contains(told), "{filter}: {said}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_key_in_a_cookie_is_for_https_behind_a_proxy() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("p.db");
+    let service = Service::start_as_told(&database, &["--behind-proxy"]);
+    let admin = succeeded(&plumbline(&["keys", "create", "--name", "admin", "--scopes", "admin"], &database));
+    let signed_in = async |headers: &[(&str, &str)]| {
+        let http = plumbline::client::without_tls().redirect(reqwest::redirect::Policy::none()).build().unwrap();
+        let mut request = http
+            .post(format!("{}/moderation/sign-in", service.url))
+            .header("content-type", "application/x-www-form-urlencoded")
+            .body(format!("key={admin}"));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let answer = service.send(request).await;
+        answer.headers["set-cookie"].to_str().unwrap().to_owned()
+    };
+    let client = ("x-forwarded-for", "192.0.2.1");
+    assert!(signed_in(&[client]).await.contains("; Secure"));
+    assert!(signed_in(&[client, ("x-forwarded-proto", "https")]).await.contains("; Secure"));
+    assert!(!signed_in(&[client, ("x-forwarded-proto", "http")]).await.contains("; Secure"));
+    // Who reaches the service without the proxy, as on an admin listener, has no https.
+    assert!(!signed_in(&[]).await.contains("; Secure"));
+}
