@@ -205,7 +205,8 @@ impl RunningService {
             listeners.push(tokio::spawn(serve));
         }
         let admin = admin_address.map(|address| address.to_string());
-        tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, "listening");
+        let access = config.settings.open;
+        tracing::info!(%address, admin_address = admin, database = %config.database, workers = config.workers, ?access, "listening");
         Ok(Self { address, admin_address, app, store, workers, stop, listeners, tasks, _serving: serving })
     }
 

@@ -201,11 +201,16 @@ impl StoreError {
 
 /// Says what the operator can do about a file that cannot be opened, of which SQLite says no more than that.
 fn remedy(error: &sqlx::Error) -> &'static str {
+    const SQLITE_READONLY: i32 = 8;
     const SQLITE_CANTOPEN: i32 = 14;
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
     match code.and_then(|code| code.parse::<i32>().ok()) {
         Some(code) if code & 0xff == SQLITE_CANTOPEN => {
             "; check that its folder exists, and that this user may read and write the file and create others beside it"
+        }
+        Some(code) if code & 0xff == SQLITE_READONLY => {
+            "; check that this user may write the database file and create others beside it, and that the disk is not \
+             mounted read-only"
         }
         _ => "",
     }
