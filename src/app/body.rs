@@ -13,7 +13,7 @@ use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{OrNull, ProfileShape, Read, Shape, Text, read_document};
 
 /// Characters in the name of a suite or the id of a run. Names that exist are shorter.
-pub const NAME_CHARS: usize = 100;
+pub const NAME_CHARS: usize = LIMITS.suite_chars;
 
 /// Returns the shape of a name.
 pub const fn name(faults: &mut Faults) -> Text<'_> {

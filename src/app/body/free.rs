@@ -16,8 +16,6 @@ const OBJECT: usize = 16;
 const ARRAY: usize = 4;
 /// Bytes of memory that a plain value takes, with its share of the array or object that holds it.
 const VALUE_BYTES: usize = 40;
-/// Room of a member whose size in bytes is limited to less than this: metadata, a card, a task, a label.
-const MEMBER: usize = 1 << 20;
 
 /// Room for free JSON, for one value.
 #[derive(Debug)]
@@ -34,10 +32,10 @@ impl Room {
         Self::of(LIMITS.free_json_values)
     }
 
-    /// Returns the room of a member whose bytes are limited as well.
+    /// Returns the room of a member of a body: `free_json_member_values`.
     #[must_use]
     pub const fn of_member() -> Self {
-        Self::of(MEMBER)
+        Self::of(LIMITS.free_json_member_values)
     }
 
     const fn of(values: usize) -> Self {

@@ -15,9 +15,15 @@ pub struct Limits {
     pub form_bytes: usize,
     /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,
-    /// Values in a body, or a member of it, that has no shape of its own, such as metadata or an inline task. An object
-    /// counts as 16 more.
+    /// Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
+    /// object counts as 16 more, an array as 4.
     pub free_json_values: usize,
+    /// The same for metadata, a card, a task that a request brings, and a label as text.
+    pub free_json_member_values: usize,
+    /// Characters in the identifier of a task.
+    pub task_chars: usize,
+    /// Characters in the name of a suite.
+    pub suite_chars: usize,
     /// Submissions in one NDJSON body.
     pub ndjson_lines: usize,
     /// Turns in a log.

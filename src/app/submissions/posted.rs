@@ -17,7 +17,7 @@ use plumbline_engine::voxel::replay::Replay;
 use plumbline_engine::voxel::{BlockLog, Event, Profile};
 
 /// Characters in the identifier of a task. Those that exist are shorter.
-pub const TASK_CHARS: usize = 200;
+pub const TASK_CHARS: usize = LIMITS.task_chars;
 
 /// Format of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -893,8 +893,20 @@ class Limits(BaseModel):
     """
     free_json_values: Annotated[int, Field(ge=0)]
     """
-    Values in a body, or a member of it, that has no shape of its own, such as metadata or an inline task. An object
-    counts as 16 more.
+    Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
+    object counts as 16 more, an array as 4.
+    """
+    free_json_member_values: Annotated[int, Field(ge=0)]
+    """
+    The same for metadata, a card, a task that a request brings, and a label as text.
+    """
+    task_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters in the identifier of a task.
+    """
+    suite_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters in the name of a suite.
     """
     ndjson_lines: Annotated[int, Field(ge=0)]
     """
