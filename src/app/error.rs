@@ -308,6 +308,12 @@ impl From<StoreError> for AppError {
             let detail = "The place of large logs and reports does not answer. The request may be sent again.";
             return Self::new(Kind::Busy, detail).retry_after(1);
         }
+        if let StoreError::LostFile(_) = error {
+            tracing::error!(%error, "refused");
+            let detail = "The database file is not where it was, so nothing can be stored. Tell the operator: the service's log \
+                          says what to do.";
+            return Self::new(Kind::NotReady, detail).retry_after(10);
+        }
         if let StoreError::NoSecrets(_) = error {
             tracing::warn!(%error, "refused");
             let detail = "this node lacks the secrets that this needs; send the request again, to another node";

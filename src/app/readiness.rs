@@ -8,19 +8,16 @@ use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
-use crate::store::StoreResult;
+use crate::clock::steady::is_doubted;
 use crate::store::location::Location;
+use crate::store::opened_file::OpenedFile;
 use crate::store::schema;
+use crate::store::{StoreError, StoreResult};
 
 /// How long a result holds; more frequent probes cost nothing.
 const HOLDS_FOR: Duration = Duration::from_secs(1);
 /// Time that the database may take.
 const PATIENCE: Duration = Duration::from_secs(4);
-
-/// What the operator is told if the file is gone.
-pub const LOST_FILE: &str = "the database file was deleted, moved or replaced while the service runs. What is written now \
-                             is lost when it stops: put the file back where it was, with its -wal, or, if it was deleted, \
-                             copy both from /proc/PID/fd before you stop the service";
 
 /// What the last look came to: what the node lacks, or why it is not ready.
 type Found = Result<Vec<String>, &'static str>;
@@ -38,15 +35,17 @@ pub async fn check(app: &App) -> AppResult<Vec<String>> {
     app.readiness.look(app).await.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
 }
 
-/// Returns what the node lacks: its secrets, keys of epochs that are not over, the folder of large logs, or a whole log
+/// Returns what the node lacks: its secrets, keys of epochs, the folder of large logs, or a whole log
 /// of receipts.
 async fn lacking(app: &App) -> StoreResult<Vec<String>> {
     let mut lacking = Vec::new();
-    if app.signer.is_none() {
+    // A node signs with the key that it read, but does not start again without its file.
+    if app.signer.is_none() || !app.store.secrets().has_signer().unwrap_or(false) {
         lacking.push("secrets".to_owned());
-    } else {
-        let now = now_ms();
-        for epoch in app.store.epochs().await?.iter().filter(|epoch| !epoch.is_over(now)) {
+    }
+    if app.signer.is_some() {
+        // What an epoch that is over kept secret is revealed with its key.
+        for epoch in app.store.epochs().await? {
             if !app.store.secrets().has_epoch(epoch.id()) {
                 lacking.push(format!("key of epoch {}", epoch.id()));
             }
@@ -54,6 +53,9 @@ async fn lacking(app: &App) -> StoreResult<Vec<String>> {
     }
     if app.store.missing_folder().await.is_some() {
         lacking.push("folder of large logs and reports".to_owned());
+    }
+    if is_doubted() {
+        lacking.push("clock that does not jump".to_owned());
     }
     if app.log.is_damaged() {
         lacking.push("intact log of receipts".to_owned());
@@ -71,6 +73,8 @@ impl Readiness {
             return found.clone();
         }
         let probe = async {
+            // The file comes first: without it, reading says no more than that it cannot be opened.
+            store.file().map_or(Ok(()), OpenedFile::must_be_in_place)?;
             store.probe(now_ms()).await?;
             StoreResult::Ok((store.free_bytes().await, lacking(app).await?))
         };
@@ -84,8 +88,8 @@ impl Readiness {
                 );
                 Err("The disk of the database has less than 2 MiB of room.")
             }
-            Ok(Ok(_)) if store.has_lost_its_file() => {
-                tracing::error!("not ready: {LOST_FILE}");
+            Ok(Err(error @ StoreError::LostFile(_))) => {
+                tracing::error!(%error, "not ready");
                 Err("The database file was deleted, moved or replaced; the service's log says what to do.")
             }
             Ok(Ok((_, lacking))) => Ok(lacking),

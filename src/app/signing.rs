@@ -58,7 +58,7 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
                 let notice = format!(
                     "this node lacks the secrets of the service: it grades no submissions, issues no hidden \
                      instances, and takes no actions on boards. Share the folder of another node, which holds receipts.key, as {folder} (--secrets). If no \
-                     node has it any more, start one with --new-receipt-key"
+                     node has it any more, start one with --new-receipt-key. Start this node again then"
                 );
                 return Ok(Signing { signer: None, public_key, notice: Some(notice) });
             }

@@ -1,12 +1,14 @@
 //! `plumbline check`: reads everything in a database and says what is damaged.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
+use super::checksums;
 use super::database::DatabaseArgs;
 use super::process::block_on;
-use crate::store::checking::{Damage, check};
+use crate::store::checking::{Found, FoundKind, check};
 use plumbline_engine::text::counted;
 
 /// Arguments of `check`.
@@ -16,26 +18,63 @@ pub struct CheckArgs {
     database: DatabaseArgs,
 }
 
-/// Runs the command, with exit code 1 if anything is damaged.
+/// Runs the command, with exit code 1 if anything is damaged, and 2 if something could not be checked.
 ///
 /// # Errors
 /// Returns an error if the database cannot be opened.
 pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     args.database.name();
-    let mut damaged = 0_u64;
-    let mut tell = |Damage { place, detail }: Damage| {
-        damaged += 1;
-        println!("DAMAGED  {place}: {detail}");
+    let (mut damaged, mut unreached, mut missing) = (0_u64, 0_u64, 0_u64);
+    // A backup has its checksum beside it.
+    if let Some(file) = args.database.database.file() {
+        let noted = PathBuf::from(format!("{}.sha256", file.display()));
+        if noted.exists()
+            && let Err(error) = checksums::verify(&noted, &[file])
+        {
+            damaged += 1;
+            println!("DAMAGED  {error:#}");
+        }
+    }
+    let mut tell = |Found { kind, place, detail }: Found| match kind {
+        FoundKind::Damaged => {
+            damaged += 1;
+            println!("DAMAGED  {place}: {detail}");
+        }
+        FoundKind::Unreached => {
+            unreached += 1;
+            // One place is unreachable for all that is in it.
+            if unreached == 1 {
+                println!("NOT CHECKED  {place}: {detail}");
+            }
+        }
+        FoundKind::Missing => {
+            missing += 1;
+            println!("NOTE     {place}: {detail}");
+        }
     };
     let counts =
         block_on(async { Ok(check(&args.database.database, &args.database.kept_secrets(), &mut tell).await?) })?;
     for (name, rows) in counts {
         println!("{name}: {}", counted(rows, "row"));
     }
-    if damaged == 0 {
-        println!("nothing is damaged");
-        return Ok(ExitCode::SUCCESS);
+    if missing > 0 {
+        println!(
+            "name the folder that holds the keys with --secrets; a backup has them only if it was made --with-secrets"
+        );
     }
-    println!("{}: restore a backup, or keep this database and write to us", counted(damaged, "fault"));
-    Ok(ExitCode::FAILURE)
+    if unreached > 0 {
+        println!(
+            "{} could not be checked: make the place reachable, and check again",
+            counted(unreached, "log or report")
+        );
+    }
+    if damaged > 0 {
+        println!("{}: restore the last backup that passes this check", counted(damaged, "fault"));
+        return Ok(ExitCode::FAILURE);
+    }
+    if unreached > 0 {
+        return Ok(ExitCode::from(2));
+    }
+    println!("nothing is damaged");
+    Ok(ExitCode::SUCCESS)
 }

@@ -65,6 +65,10 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     let database = args.database.file(NO_BACKUP)?;
     must_exist(database)?;
     args.database.name();
+    let kept = args.database.kept_secrets();
+    if args.with_secrets && !kept.has_signer()? {
+        bail!("there is no receipts.key in {}: name the folder of the keys with --secrets", kept.folder().display());
+    }
     let checksums = checksums_of(&args.file);
     // One without its backup is left of a backup that is no more, and would belie the new one.
     if checksums.exists() && !args.file.exists() {
@@ -73,7 +77,7 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
     let contents = copy_checked(database, &args.file)?;
     checksums::write(&checksums, &checksums::line(&args.file)?)?;
     if args.with_secrets {
-        args.database.kept_secrets().copy_to(&Secrets::beside(&args.file))?;
+        kept.copy_to(&Secrets::beside(&args.file))?;
     }
     tell("backed up to", &args.file, &contents);
     if let Some(place) = contents.blobs {

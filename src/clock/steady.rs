@@ -3,6 +3,7 @@
 //! A machine's clock can jump, for example because of a faulty time server, and jump back. Whoever seals an epoch,
 //! publishes its key or deletes what is old asks this clock.
 
+use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::{now_ms, wall_ms};
@@ -12,10 +13,28 @@ const PATIENCE: Duration = Duration::from_mins(1);
 /// Differences up to this are corrections of the clock, not jumps.
 const SLEW_MS: i64 = 5_000;
 
+/// Returns the time in milliseconds since 1970 that nobody has reason to doubt: never later than the wall clock. Logs
+/// when the clock jumps, and when the jump is believed. Background tasks ask every few seconds; a jump before the first
+/// question is not noticed.
+#[must_use]
+pub fn steady_now_ms() -> i64 {
+    kept().now_ms()
+}
+
+/// Returns whether the clock has jumped and is not believed yet.
+#[must_use]
+pub fn is_doubted() -> bool {
+    kept().jumped.is_some()
+}
+
+fn kept() -> std::sync::MutexGuard<'static, SteadyClock> {
+    static CLOCK: LazyLock<Mutex<SteadyClock>> = LazyLock::new(|| Mutex::new(SteadyClock::new()));
+    CLOCK.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Wall clock that believes a jump only after [`PATIENCE`]. Until then it goes on at the pace of the processor's clock.
-/// Whoever keeps one asks it every few seconds; a jump before the first question is not noticed.
 #[derive(Debug)]
-pub struct SteadyClock {
+struct SteadyClock {
     begun: Instant,
     believed: Offset,
     /// Where the clock has jumped to, and when.
@@ -34,14 +53,11 @@ impl Offset {
 
 impl SteadyClock {
     /// Creates a clock that believes the wall clock as it is now.
-    #[must_use]
-    pub fn new() -> Self {
+    fn new() -> Self {
         Self { begun: Instant::now(), believed: Offset(wall_ms()), jumped: None }
     }
 
-    /// Returns the time in milliseconds since 1970 that nobody has reason to doubt: never later than the wall clock.
-    /// Logs when the clock jumps, and when the jump is believed.
-    pub fn now_ms(&mut self) -> i64 {
+    fn now_ms(&mut self) -> i64 {
         let doubted = self.doubted_ms(wall_ms(), self.begun.elapsed());
         now_ms() - doubted
     }
@@ -76,12 +92,6 @@ impl SteadyClock {
             }
         }
         (offset.0 - self.believed.0).max(0)
-    }
-}
-
-impl Default for SteadyClock {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

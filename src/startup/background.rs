@@ -12,10 +12,9 @@ use crate::app::App;
 use crate::app::hidden::completion;
 use crate::app::hidden::log::look_for_damage;
 use crate::app::hidden::pools::publish_pool;
-use crate::app::readiness::LOST_FILE;
 use crate::client::fetch_round;
 use crate::clock::now_ms;
-use crate::clock::steady::SteadyClock;
+use crate::clock::steady::steady_now_ms;
 use crate::http::middleware::rates::Rates;
 use crate::store::blobs::Swept;
 use crate::store::epochs::EpochRow;
@@ -52,14 +51,11 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
     const EVERY: Duration = Duration::from_secs(5);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
-    let mut clock = SteadyClock::new();
     while stop.run_until_cancelled(tokio::time::sleep(EVERY)).await.is_some() {
-        let now = clock.now_ms();
+        let now = steady_now_ms();
         metrics.run_upkeep();
         rates.evict_idle();
-        if store.has_lost_its_file() {
-            tracing::error!("{LOST_FILE}");
-        }
+        look_at_file(&store);
         if let Err(error) = app.current_catalogue().await {
             tracing::warn!(%error, "could not look for new suites");
         }
@@ -86,14 +82,27 @@ pub(super) async fn keep_up(Shared { app, store, stop }: Shared, rates: Arc<Rate
     }
 }
 
+/// Says if the database file is not where it was, and sets its log aside if another file took its place.
+pub(super) fn look_at_file(store: &Store) {
+    let Some(file) = store.file() else { return };
+    let Err(error) = file.must_be_in_place() else { return };
+    tracing::error!("{error}");
+    match file.set_log_aside() {
+        Ok(true) => {
+            tracing::error!("its -wal and -shm were renamed to -wal.lost and -shm.lost: they belong to the file before")
+        }
+        Ok(false) => {}
+        Err(error) => tracing::error!(%error, "its -wal and -shm belong to the file before: move them away"),
+    }
+}
+
 /// Deletes, once a day, the objects outside the database that no row refers to. Of several nodes, one does it.
 pub(super) async fn sweep(Shared { store, stop, .. }: Shared) {
     const LOOK: Duration = Duration::from_secs(20);
     const LEASE_MS: i64 = 15_000;
     let node = uuid::Uuid::new_v4().to_string();
-    let mut clock = SteadyClock::new();
     loop {
-        match sweep_if_due(&store, &node, LEASE_MS, clock.now_ms()).await {
+        match sweep_if_due(&store, &node, LEASE_MS, steady_now_ms()).await {
             Ok(None | Some(Swept::Deleted(0))) => {}
             Ok(Some(Swept::Deleted(deleted))) => tracing::info!(deleted, "deleted objects that no row refers to"),
             Ok(Some(Swept::OfAnother { place, token })) => tracing::warn!(
@@ -139,9 +148,8 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
     const TOLD_BYTES: u64 = 16 << 20;
     let node = uuid::Uuid::new_v4().to_string();
     let every_ms = i64::try_from(every.as_millis()).unwrap_or(i64::MAX).max(1);
-    let mut clock = SteadyClock::new();
     let mut states = EpochStates::default();
-    let mut published = clock.now_ms() / every_ms;
+    let mut published = steady_now_ms() / every_ms;
     // The file grows when a hidden answer is graded, the more the larger the answer, so its size is told only at these
     // times, and coarsely.
     let tell_size = || async {
@@ -150,8 +158,13 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
         }
     };
     tell_size().await;
+    // Epochs that are settled at once are told too.
+    match store.epochs().await {
+        Ok(epochs) => states.tell(&epochs, steady_now_ms()),
+        Err(error) => tracing::warn!(%error, "could not look at the epochs"),
+    }
     while stop.run_until_cancelled(tokio::time::sleep(LOOK)).await.is_some() {
-        let now = clock.now_ms();
+        let now = steady_now_ms();
         match store.lead(HIDDEN, &node, LEASE_MS).await {
             Ok(true) => {}
             Ok(false) => continue,
@@ -164,7 +177,16 @@ pub(super) async fn keep_hidden(Shared { store, stop, .. }: Shared, every: Durat
             tracing::warn!(%error, "could not settle epochs that are over");
         }
         match store.epochs().await {
-            Ok(epochs) => states.tell(&epochs, now),
+            Ok(epochs) => {
+                states.tell(&epochs, now);
+                let secrets = store.secrets();
+                for epoch in epochs.iter().filter(|epoch| states.has_just_settled(epoch.id())) {
+                    if !secrets.has_epoch(epoch.id()) {
+                        let folder = secrets.folder().display();
+                        tracing::warn!(epoch = epoch.id(), %folder, "its key is not there: nobody can get its reveal until you put it back");
+                    }
+                }
+            }
             Err(error) => tracing::warn!(%error, "could not look at the epochs"),
         }
         let due = now / every_ms;

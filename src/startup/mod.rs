@@ -240,6 +240,7 @@ impl RunningService {
         }
         self.tasks.ended().await;
         background::store_uses(&self.app).await;
+        background::look_at_file(&self.store);
         self.store.close().await;
     }
 }

@@ -1,8 +1,6 @@
 //! Check of a whole database: every row is read as the service would read it, and compared with its hashes and
 //! signatures.
 
-use std::collections::BTreeSet;
-
 use sha2::{Digest as _, Sha256};
 
 use super::blobs::Blobs;
@@ -11,18 +9,46 @@ use super::location::Location;
 use super::secrets::Secrets;
 use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::transfer_tables::{KINDS, Kind};
-use super::{StoreResult, receipts, schema};
-use plumbline_engine::hidden::receipts::{ReceiptFile, verify, verify_chain};
+use super::{StoreError, StoreResult, receipts, schema, sqlite};
+use plumbline_engine::grading::ProblemScores;
+use plumbline_engine::hidden::commitment::Commitment;
+use plumbline_engine::hidden::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain};
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 
-/// Something that is damaged or missing.
+/// Something that a check found.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Damage {
+pub struct Found {
+    /// Kind of what was found.
+    pub kind: FoundKind,
     /// Row or file.
     pub place: String,
-    /// Description of the damage.
+    /// Description.
     pub detail: String,
+}
+
+/// Kind of what a check found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FoundKind {
+    /// Data is damaged or lost.
+    Damaged,
+    /// Data cannot be read now, for example because its place cannot be reached.
+    Unreached,
+    /// A key is elsewhere, as beside a backup that was made without keys.
+    Missing,
+}
+
+impl Found {
+    const fn damaged(place: String, detail: String) -> Self {
+        Self { kind: FoundKind::Damaged, place, detail }
+    }
+
+    /// Returns what an error says of a place.
+    fn of(place: String, error: &StoreError) -> Self {
+        let is_unreached = matches!(error, StoreError::Blobs { .. } | StoreError::BlobPlace(_));
+        let kind = if is_unreached { FoundKind::Unreached } else { FoundKind::Damaged };
+        Self { kind, place, detail: error.to_string() }
+    }
 }
 
 /// A check under way.
@@ -30,7 +56,7 @@ struct Check<'t> {
     pool: Pool,
     blobs: Blobs,
     moment: Tx,
-    tell: &'t mut dyn FnMut(Damage),
+    tell: &'t mut dyn FnMut(Found),
 }
 
 /// Reads everything in a database, in one consistent snapshot, and tells what is damaged. Nothing is changed. Returns the
@@ -41,7 +67,7 @@ struct Check<'t> {
 pub async fn check(
     database: &Location,
     secrets: &Secrets,
-    tell: &mut dyn FnMut(Damage),
+    tell: &mut dyn FnMut(Found),
 ) -> StoreResult<Vec<(&'static str, u64)>> {
     schema::state(database).await?.must_be_current(database)?;
     let pool = open_reading(database).await?;
@@ -71,21 +97,35 @@ impl Check<'_> {
         if self.moment.dialect() == Dialect::Postgres {
             return;
         }
+        for table in self.missing_tables().await {
+            (self.tell)(Found::damaged(table, "the table is missing".to_owned()));
+        }
         let found = query_scalar("PRAGMA integrity_check(100)").fetch_all(&mut self.moment).await;
         let found: Vec<String> = found.unwrap_or_else(|error| vec![error.to_string()]);
         for detail in found.into_iter().filter(|found| found != "ok") {
-            (self.tell)(Damage { place: "the file".to_owned(), detail });
+            (self.tell)(Found::damaged("the file".to_owned(), detail));
         }
         let dangling = query_scalar("SELECT \"table\" || ' ' || COALESCE(rowid, '') FROM pragma_foreign_key_check");
         let dangling: StoreResult<Vec<String>> = dangling.fetch_all(&mut self.moment).await;
         match dangling {
             Ok(rows) => {
                 for place in rows {
-                    (self.tell)(Damage { place, detail: "it refers to a row that is not there".to_owned() });
+                    (self.tell)(Found::damaged(place, "it refers to a row that is not there".to_owned()));
                 }
             }
-            Err(error) => (self.tell)(Damage { place: "the file".to_owned(), detail: error.to_string() }),
+            Err(error) => (self.tell)(Found::of("the file".to_owned(), &error)),
         }
+    }
+
+    /// Returns the tables of the schema that a file lacks.
+    async fn missing_tables(&mut self) -> Vec<String> {
+        const TABLES: &str = "SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name";
+        let Ok((empty, _)) = sqlite::open_in_memory().await else { return Vec::new() };
+        let whole: Vec<String> = query_scalar(TABLES).fetch_all(&empty).await.unwrap_or_default();
+        empty.close().await;
+        let here: StoreResult<Vec<String>> = query_scalar(TABLES).fetch_all(&mut self.moment).await;
+        let Ok(here) = here else { return Vec::new() };
+        whole.into_iter().filter(|table| !here.contains(table)).collect()
     }
 
     /// Reads the rows of a table, tells what `look` finds wrong, and returns their number.
@@ -99,14 +139,16 @@ impl Check<'_> {
         let mut count = 0;
         let each = async |row: Row| {
             count += 1;
-            let found = look(&row, pool, blobs).await.unwrap_or_else(|error| Some(error.to_string()));
-            if let Some(detail) = found {
-                tell(Damage { place: format!("{table} {}", name_of(&row)), detail });
+            let place = || format!("{table} {}", name_of(&row));
+            match look(&row, pool, blobs).await {
+                Ok(None) => {}
+                Ok(Some(detail)) => tell(Found::damaged(place(), detail)),
+                Err(error) => tell(Found::of(place(), &error)),
             }
             Ok(())
         };
         if let Err(error) = query(sql).for_each(moment, each).await {
-            tell(Damage { place: table.to_owned(), detail: format!("after {count} rows: {error}") });
+            tell(Found::damaged(table.to_owned(), format!("after {count} rows: {error}")));
         }
         count
     }
@@ -143,12 +185,28 @@ impl Check<'_> {
     }
 
     async fn reports(&mut self) -> u64 {
-        let sql = "SELECT submission_id, attempt, body, scores FROM reports ORDER BY submission_id, attempt";
+        let lost = query_scalar(
+            "SELECT id FROM submissions s WHERE state = 'graded'
+             AND NOT EXISTS (SELECT 1 FROM reports r WHERE r.submission_id = s.id) ORDER BY id",
+        );
+        let lost: StoreResult<Vec<String>> = lost.fetch_all(&mut self.moment).await;
+        for id in lost.unwrap_or_default() {
+            (self.tell)(Found::damaged(
+                format!("submissions {id}"),
+                "it is graded, and its report is missing".to_owned(),
+            ));
+        }
+        let sql = "SELECT submission_id, attempt, body, scores, overall FROM reports ORDER BY submission_id, attempt";
         self.rows("reports", sql, async |row, pool, blobs| {
             let json = blobs.unpack(pool, "reports", row.get(2)?).await?;
             let scores: &str = row.get(3)?;
-            let is_json = |text: &[u8]| serde_json::from_slice::<serde::de::IgnoredAny>(text);
-            Ok(is_json(&json).and(is_json(scores.as_bytes())).err().map(|error| error.to_string()))
+            let read = serde_json::from_slice::<serde::de::IgnoredAny>(&json);
+            let is_passed: bool = row.get(4)?;
+            Ok(match read.and_then(|_| serde_json::from_str::<ProblemScores>(scores)) {
+                Err(error) => Some(error.to_string()),
+                Ok(scores) if scores.overall() != is_passed => Some("its scores say otherwise than it does".to_owned()),
+                Ok(_) => None,
+            })
         })
         .await
     }
@@ -164,6 +222,9 @@ impl Check<'_> {
                 let is_first = last.is_none() && file.seq != 1;
                 last = Some(file);
                 Ok(match sound {
+                    Err(ReceiptFault::Gap { from, to }) => {
+                        Some(format!("receipts {from} to {to} are missing before it"))
+                    }
                     Err(fault) => Some(fault.to_string()),
                     Ok(()) if is_first => Some("those before it are missing".to_owned()),
                     Ok(()) => None,
@@ -173,31 +234,46 @@ impl Check<'_> {
         count
     }
 
-    /// Tells which keys are not in the folder of secrets.
+    /// Tells which keys are not in the folder of secrets, or are others than they should be.
     async fn keys(&mut self, secrets: &Secrets) {
-        let place = secrets.folder().display().to_string();
-        let epochs = query_scalar("SELECT id FROM epochs ORDER BY id").fetch_all(&mut self.moment).await;
-        let epochs: Vec<String> = epochs.unwrap_or_default();
-        for id in epochs.iter().filter(|id| !secrets.has_epoch(id)) {
-            (self.tell)(Damage { place: place.clone(), detail: format!("the key of epoch {id} is not there") });
+        let folder = secrets.folder().display().to_string();
+        let commitments = query_scalar("SELECT commitment FROM epochs ORDER BY id").fetch_all(&mut self.moment).await;
+        let commitments: Vec<String> = commitments.unwrap_or_default();
+        for commitment in commitments.iter().filter_map(|text| serde_json::from_str::<Commitment>(text).ok()) {
+            let id = &commitment.epoch;
+            let place = format!("{folder}/epoch-{id}.json");
+            if !secrets.has_epoch(id) {
+                let detail = format!("the key of epoch {id} is not there");
+                (self.tell)(Found { kind: FoundKind::Missing, place, detail });
+                continue;
+            }
+            match secrets.epoch(&commitment, None) {
+                Ok(Some(_)) => {}
+                Ok(None) => {
+                    let detail = format!("it is damaged, or not the key that epoch {id} is committed to");
+                    (self.tell)(Found::damaged(place, detail));
+                }
+                Err(error) => (self.tell)(Found::of(place, &error)),
+            }
         }
         let used = query_scalar("SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1");
-        let used: Vec<String> = used.fetch_all(&mut self.moment).await.unwrap_or_default();
-        let own = match secrets.has_signer() {
-            Ok(true) => secrets.signer().map(|signer| Some(signer.public_key())),
-            Ok(false) => Ok(None),
-            Err(error) => Err(error),
-        };
-        let own: BTreeSet<String> = match own {
-            Ok(own) => own.into_iter().collect(),
-            Err(error) => {
-                (self.tell)(Damage { place, detail: error.to_string() });
-                return;
+        let used: Option<String> = used.fetch_optional(&mut self.moment).await.ok().flatten();
+        let Some(used) = used else { return };
+        let place = format!("{folder}/receipts.key");
+        match secrets.has_signer() {
+            Ok(false) => {
+                let detail = format!("the key that signed the last receipt, {used}, is not there");
+                (self.tell)(Found { kind: FoundKind::Missing, place, detail });
             }
-        };
-        for key in used.iter().filter(|key| !own.contains(*key)) {
-            let detail = format!("receipts.key is not there, or is another than {key}, which signed the last receipt");
-            (self.tell)(Damage { place: place.clone(), detail });
+            Ok(true) => match secrets.signer() {
+                Ok(signer) if signer.public_key() == used => {}
+                Ok(_) => (self.tell)(Found::damaged(
+                    place,
+                    format!("it is another key than {used}, which signed the last receipt"),
+                )),
+                Err(error) => (self.tell)(Found::of(place, &error)),
+            },
+            Err(error) => (self.tell)(Found::of(place, &error)),
         }
     }
 }

@@ -86,6 +86,13 @@ pub enum StoreError {
         /// Words of the server.
         detail: String,
     },
+    /// The database file is not where it was when it was opened.
+    #[error(
+        "the database file {file} was deleted, moved or replaced while the service runs, so nothing is stored any more. Stop \
+         the service, then put the file back with its -wal (a file that was deleted: copy both from /proc/PID/fd before), or \
+         move both away and restore a backup", file = .0.display()
+    )]
+    LostFile(PathBuf),
     /// The command works on files only.
     #[error("{0}")]
     OnlyFiles(&'static str),
@@ -201,13 +208,23 @@ impl StoreError {
 
 /// Says what the operator can do about a file that cannot be opened, of which SQLite says no more than that.
 fn remedy(error: &sqlx::Error) -> &'static str {
+    const POSTGRES_READ_ONLY: &str = "25006";
     const SQLITE_READONLY: i32 = 8;
+    const SQLITE_CORRUPT: i32 = 11;
+    const SQLITE_NOTADB: i32 = 26;
     const SQLITE_CANTOPEN: i32 = 14;
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
+    if code.as_deref() == Some(POSTGRES_READ_ONLY) {
+        return "; the server takes no writes: it is a standby, or default_transaction_read_only is on";
+    }
     match code.and_then(|code| code.parse::<i32>().ok()) {
         Some(code) if code & 0xff == SQLITE_CANTOPEN => {
             "; check that its folder exists, and that this user may read and write the file and create others beside it"
         }
+        Some(code) if code & 0xff == SQLITE_CORRUPT => {
+            "; the file is damaged: keep it, and restore the last backup (plumbline restore)"
+        }
+        Some(code) if code & 0xff == SQLITE_NOTADB => "; the file is no SQLite database, or its beginning is damaged",
         Some(code) if code & 0xff == SQLITE_READONLY => {
             "; check that this user may write the database file and create others beside it, and that the disk is not \
              mounted read-only"

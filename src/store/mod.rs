@@ -39,6 +39,7 @@ mod locks;
 pub mod members;
 mod migrations;
 pub mod moving;
+pub mod opened_file;
 pub mod overview;
 mod pace;
 mod padding;
@@ -83,10 +84,10 @@ use epochs::SecretsRead;
 pub use error::{StoreError, StoreResult};
 use group_commit::Acceptances;
 use location::Location;
+use opened_file::OpenedFile;
 use pace::Pace;
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::tasks::catalogue::Catalogue;
-use readiness::FileIdentity;
 use secrets::{Secrets, random_key};
 
 /// Handle to the database; clones share its connections.
@@ -106,8 +107,7 @@ pub struct Store {
     signer: Arc<OnceLock<Arc<Signer>>>,
     secrets_read: Arc<SecretsRead>,
     blobs: Blobs,
-    /// Identity of the file when it was opened.
-    file: Option<FileIdentity>,
+    file: Option<OpenedFile>,
 }
 
 impl Store {
@@ -141,8 +141,9 @@ impl Store {
         let (writer, readers) = pools(location, may_change).await?;
         let blobs = Blobs::open(&readers).await?;
         let queued = Arc::<Notify>::default();
+        let file = location.file().and_then(OpenedFile::at);
         let store = Self {
-            acceptances: Acceptances::start(writer.clone(), Arc::clone(&queued)),
+            acceptances: Acceptances::start(writer.clone(), file.clone(), Arc::clone(&queued)),
             writer,
             readers,
             runs_ended: Arc::default(),
@@ -156,7 +157,7 @@ impl Store {
             signer: Arc::default(),
             secrets_read: Arc::default(),
             blobs,
-            file: location.file().and_then(FileIdentity::of),
+            file,
         };
         store.refresh_catalogue().await?;
         Ok(store)
@@ -219,11 +220,20 @@ impl Store {
         Ok(Arc::clone(self.signer.get_or_init(|| signer)))
     }
 
+    /// Returns the database file as it was opened; none if there is none.
+    #[must_use]
+    pub const fn file(&self) -> Option<&OpenedFile> {
+        self.file.as_ref()
+    }
+
     /// Begins a write transaction; on SQLite after the previous one has ended.
     ///
     /// # Errors
-    /// Returns an error if the database fails.
+    /// Returns an error if the database fails, or its file is not where it was.
     pub async fn begin(&self) -> StoreResult<Tx> {
+        if let Some(file) = &self.file {
+            file.must_be_in_place()?;
+        }
         self.writer.begin_writing().await
     }
 

@@ -1,31 +1,10 @@
 //! Readiness probe for `/readyz`: whether the database can be written and read.
 
-use std::os::unix::fs::MetadataExt as _;
-use std::path::Path;
-
 use super::db::{Each, Row, query, query_scalar};
 use super::location::Location;
 use super::{Store, StoreResult, commit};
 
-/// What tells a file from another that takes its place: the device and the inode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct FileIdentity(u64, u64);
-
-impl FileIdentity {
-    /// Returns the identity of the file at a path; `None` if there is none.
-    pub fn of(path: &Path) -> Option<Self> {
-        std::fs::metadata(path).ok().map(|file| Self(file.dev(), file.ino()))
-    }
-}
-
 impl Store {
-    /// Returns whether the database file was deleted, moved or replaced since it was opened: what is written then is
-    /// lost when the process ends.
-    #[must_use]
-    pub fn has_lost_its_file(&self) -> bool {
-        self.location.file().is_some_and(|file| self.file.is_some() && FileIdentity::of(file) != self.file)
-    }
-
     /// Returns the bytes that are free on the disk of the database file; none if they are not known, as those of a server.
     pub async fn free_bytes(&self) -> Option<u64> {
         let Location::File(file) = &*self.location else { return None };

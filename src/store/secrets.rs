@@ -314,11 +314,14 @@ impl Secrets {
         }
         let kept = self.must_get(name)?;
         let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
-        let unreadable =
-            || StoreError::Secret { path: self.file(name), detail: "is not 32 bytes of hexadecimal".to_owned() };
+        let unreadable = || StoreError::Secret { path: self.file(name), detail: UNREADABLE_KEY.to_owned() };
         Ok(Signer::new(&secret.ok_or_else(unreadable)?))
     }
 }
+
+/// What is said of a key that cannot be read.
+const UNREADABLE_KEY: &str = "is not 32 bytes of hexadecimal: put the right file back, or move it away if the key is lost, and \
+                              start with serve --new-receipt-key";
 
 /// Returns 32 random bytes from the operating system.
 ///

@@ -204,7 +204,7 @@ async fn openrlhf_gets_no_reward_from_damaged_data() {
     let body = json!({ "query": [turns(&wall).to_string(), "no"], "labels": ["walls/5x1x5-raise", { "task": 1, "suite": "torn" }] });
     let wrong = service.post_json("/get_reward", &body).await.json();
     assert_eq!(wrong["rewards"], json!([1.0, 0.0]), "no suite of this name: {wrong}");
-    for scheme in [json!("shaped"), json!({ "weights": { "material": 1 } })] {
+    for scheme in [json!("shaped"), json!({ "weights": { "material": 1 } }), json!({ "material": 1 })] {
         let misnamed = json!({ "query": ["no"], "labels": [{ "task": "walls/5x1x5-raise", "rewards": scheme }] });
         assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), ["null /labels/0/rewards"]);
     }

@@ -17,7 +17,7 @@ use super::body::check_url;
 use super::message::{message_of, name_of, signatures};
 use crate::app::App;
 use crate::app::limits::LIMITS;
-use crate::clock::steady::SteadyClock;
+use crate::clock::steady::steady_now_ms;
 use crate::clock::{DAY_MS, now_ms};
 use crate::store::StoreResult;
 use crate::store::deliveries::{Attempted, DeliveryRow, NewDelivery};
@@ -87,9 +87,8 @@ pub async fn deliver(app: Arc<App>) {
     };
     let mut rounds = Rounds { client, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
     let mut forgotten = tokio::time::Instant::now();
-    let mut clock = SteadyClock::new();
     while !app.stop.is_cancelled() {
-        let now = clock.now_ms();
+        let now = steady_now_ms();
         if let Err(error) = rounds.store_new(&app).await {
             tracing::warn!(%error, "could not store deliveries to webhooks");
         }

@@ -42,18 +42,19 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
 def is_scheme(value: object) -> bool:
     """Whether a value says how a sample is rewarded, and is no reward."""
     if isinstance(value, Mapping):
-        return "weights" in value
+        return "weights" in value or (bool(value) and set(value) <= set(CRITERIA))
     return isinstance(value, str) and value in ("strict", "shaped", "mean")
 
 
 def refuse_misspelt(members: Mapping[str, Any]) -> None:
-    """Raises ValueError if a name is a slip away from one that is not there, or if it begins with `reward` and
-    holds a scheme where none is given. Another plural is another name.
+    """Raises ValueError if a name is a slip away from one that is not there, or if it is `weights` or begins with
+    `reward` and holds a scheme where none is given. Another plural is another name.
     """
     known = {*MEMBERS, *SCHEMES}
     given = set(members)
     for name in given - known:
-        if not given & set(SCHEMES) and str(name).startswith("reward") and is_scheme(members[name]):
+        is_other = str(name).startswith("reward") or name == "weights"
+        if not given & set(SCHEMES) and is_other and is_scheme(members[name]):
             raise ValueError(f"{name!r} is unknown; did you mean reward?")
     missing = known - given - (set(SCHEMES) if given & set(SCHEMES) else set())
     for name in given - known - WORDS:
