@@ -208,6 +208,17 @@ async fn openrlhf_gets_no_reward_from_damaged_data() {
         let misnamed = json!({ "query": ["no"], "labels": [{ "task": "walls/5x1x5-raise", "rewards": scheme }] });
         assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), ["null /labels/0/rewards"]);
     }
+    for (label, place) in [
+        (json!({ "task": 113, "reward": "mean", "scheme": "strict" }), "null /labels/0/scheme"),
+        (json!({ "task": 113, "schem": "mean" }), "null /labels/0/schem"),
+        (json!({ "task": 113, "weights": { "material": 1 } }), "null /labels/0/weights"),
+    ] {
+        let misnamed = json!({ "query": ["no"], "labels": [label] });
+        assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), [place]);
+    }
+    let twice =
+        json!({ "task": 113, "response": { "output_text": "no" }, "reward_scheme": "mean", "scheme": "strict" });
+    assert_eq!(service.post_json("/verify", &twice).await.faults(422), ["null /scheme"]);
     // A label is as small as text as it is as JSON.
     let many = format!("{{\"task\":1,\"x\":[{}0]}}", "{\"\":0},".repeat(70_000));
     let told = service.post_json("/get_reward", &json!({ "query": ["no"], "labels": [many] })).await;

@@ -260,12 +260,20 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     // Labels for other frameworks call it `scheme`, or `reward`, which as a number at the top level is the reward of an
     // earlier response.
     let is_scheme = |value: &&Value| value.is_string() || value.get("weights").is_some();
-    let named = |object: &Map<String, Value>, key| object.get(key).filter(is_scheme).cloned();
-    let scheme = find("reward_scheme")
-        .or_else(|| {
-            std::iter::once(request).chain(parts.iter().map(|(_, object)| *object)).find_map(|own| named(own, "scheme"))
-        })
-        .or_else(|| parts.iter().map(|(_, own)| *own).chain([request]).find_map(|own| named(own, "reward")));
+    let named = |key: &'static str| {
+        let mut places = parts.iter().map(|(_, own)| *own).chain([request]);
+        places.find_map(|object| object.get(key).filter(is_scheme).cloned()).map(|scheme| (key, scheme))
+    };
+    let own = find("reward_scheme").map(|scheme| ("reward_scheme", scheme));
+    let schemes: Vec<(&str, Value)> =
+        own.into_iter().chain(["scheme", "reward"].into_iter().filter_map(named)).collect();
+    if let Some((first, scheme)) = schemes.first()
+        && let Some((other, _)) = schemes.iter().find(|(_, other)| other != scheme)
+    {
+        faults.add_at(other, format!("another scheme than that of {first}; give one"));
+        return Err(AppError::faulty(faults));
+    }
+    let scheme = schemes.into_iter().next().map(|(_, scheme)| scheme);
     let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }

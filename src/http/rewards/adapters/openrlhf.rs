@@ -218,10 +218,18 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     }
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| !object.contains_key(*option)).collect();
     let mut faults = Faults::new();
-    for key in object.keys().filter(|key| key.starts_with("reward_sche")) {
+    for key in object.keys().filter(|key| key.starts_with("reward_sche") && *key != "reward_scheme") {
         faults.add_at(key, "unknown; did you mean reward_scheme?");
     }
-    add_misspelt(&object, &missing, &mut faults);
+    for other in ["scheme", "reward_scheme"] {
+        if object.get(other).is_some_and(|scheme| object.get("reward") != Some(scheme)) {
+            faults.add_at(other, "another scheme than that of reward; give one");
+        }
+    }
+    // Either name of the scheme may be misspelt.
+    let schemes: &[&str] = if missing.contains(&"reward") { &["scheme"] } else { &[] };
+    let names: Vec<&str> = missing.iter().chain(schemes).copied().collect();
+    add_misspelt(&object, &names, &mut faults);
     if !faults.is_empty() {
         return Err(AppError::faulty(faults));
     }

@@ -31,8 +31,12 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     members: Mapping[str, Any] = found if isinstance(found, Mapping) else {"task": found}
     refuse_misspelt(members)
     # Data sets for other frameworks call the reward's scheme otherwise.
-    scheme = members.get("reward") or members.get("scheme") or members.get("reward_scheme")
-    members = {**members, "reward": scheme}
+    schemes = {name: members[name] for name in SCHEMES if members.get(name) is not None}
+    first = next(iter(schemes), "reward")
+    for name, scheme in schemes.items():
+        if scheme != schemes[first]:
+            raise ValueError(f"the label {label!r} has two schemes, {first} and {name}; give one")
+    members = {**members, "reward": schemes.get(first)}
     named = {name: members[name] for name in MEMBERS if members.get(name) is not None}
     if not isinstance(named.get("task"), (str, int)) or named["task"] == "":
         raise ValueError(f"the label {label!r} names no task")
