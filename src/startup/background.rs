@@ -89,7 +89,9 @@ pub(super) fn look_at_file(store: &Store) {
     tracing::error!("{error}");
     match file.set_log_aside() {
         Ok(true) => {
-            tracing::error!("its -wal and -shm were renamed to -wal.lost and -shm.lost: they belong to the file before")
+            tracing::error!(
+                "its -wal and -shm were renamed to -wal.lost and -shm.lost: they belong to the file before"
+            );
         }
         Ok(false) => {}
         Err(error) => tracing::error!(%error, "its -wal and -shm belong to the file before: move them away"),

@@ -214,24 +214,20 @@ impl Check<'_> {
     /// Verifies the hash and the signature of each receipt, and the chain that they form.
     async fn receipts(&mut self) -> u64 {
         let mut last: Option<ReceiptFile> = None;
-        let count = self
-            .rows("receipts", receipts::SELECT_ALL, async |row, _, _| {
-                let file = receipts::read_whole(row)?;
-                let sound = verify(&file, &[&file.public_key]);
-                let sound = sound.and_then(|()| verify_chain(last.iter().chain([&file])).map(drop));
-                let is_first = last.is_none() && file.seq != 1;
-                last = Some(file);
-                Ok(match sound {
-                    Err(ReceiptFault::Gap { from, to }) => {
-                        Some(format!("receipts {from} to {to} are missing before it"))
-                    }
-                    Err(fault) => Some(fault.to_string()),
-                    Ok(()) if is_first => Some("those before it are missing".to_owned()),
-                    Ok(()) => None,
-                })
+        self.rows("receipts", receipts::SELECT_ALL, async |row, _, _| {
+            let file = receipts::read_whole(row)?;
+            let sound = verify(&file, &[&file.public_key]);
+            let sound = sound.and_then(|()| verify_chain(last.iter().chain([&file])).map(drop));
+            let is_first = last.is_none() && file.seq != 1;
+            last = Some(file);
+            Ok(match sound {
+                Err(ReceiptFault::Gap { from, to }) => Some(format!("receipts {from} to {to} are missing before it")),
+                Err(fault) => Some(fault.to_string()),
+                Ok(()) if is_first => Some("those before it are missing".to_owned()),
+                Ok(()) => None,
             })
-            .await;
-        count
+        })
+        .await
     }
 
     /// Tells which keys are not in the folder of secrets, or are others than they should be.

@@ -11,6 +11,7 @@ mod each_write;
 mod faults;
 mod full_disk;
 mod held_lock;
+mod lost_file;
 mod network;
 mod nodes;
 mod postgres;

@@ -86,6 +86,10 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
     for wrong, meant in {"rewrad": "reward", "Reward": "reward", "profle": "profile", "suit": "suite"}.items():
         with pytest.raises(ValueError, match=f"did you mean {meant}"):
             labels.request({"task": WALL, wrong: "mean"}, [good])
+    with pytest.raises(ValueError, match="two schemes, reward and scheme"):
+        labels.request({"task": WALL, "reward": "mean", "scheme": "strict"}, ["no"])
+    with pytest.raises(ValueError, match="did you mean reward"):
+        labels.request({"task": WALL, "weights": {"material": 1}}, ["no"])
     with pytest.raises(ValueError, match="did you mean scheme"):
         await trl.plumbline(prompts=["x"], completions=[good], task=[WALL], schme=["mean"])
     others = dict.fromkeys(
