@@ -141,7 +141,7 @@ impl Store {
         let (writer, readers) = pools(location, may_change).await?;
         let blobs = Blobs::open(&readers).await?;
         let queued = Arc::<Notify>::default();
-        let file = location.file().and_then(OpenedFile::at);
+        let file = location.file().and_then(OpenedFile::opened);
         let store = Self {
             acceptances: Acceptances::start(writer.clone(), file.clone(), Arc::clone(&queued)),
             writer,

@@ -14,9 +14,14 @@ pub struct OpenedFile {
 }
 
 impl OpenedFile {
-    /// Returns the file at a path; `None` if there is none.
+    /// Returns the file at a path, which is open; `None` if there is none, or its file system tells no file from another.
     #[must_use]
-    pub fn at(path: &Path) -> Option<Self> {
+    pub fn opened(path: &Path) -> Option<Self> {
+        // Opening the file once more, to ask its handle, would release SQLite's locks when it is closed.
+        Self::at(path).filter(|file| Self::at(path).as_ref() == Some(file))
+    }
+
+    fn at(path: &Path) -> Option<Self> {
         std::fs::metadata(path).ok().map(|file| Self { path: path.to_owned(), identity: (file.dev(), file.ino()) })
     }
 
