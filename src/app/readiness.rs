@@ -35,12 +35,13 @@ pub async fn check(app: &App) -> AppResult<Vec<String>> {
     app.readiness.look(app).await.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
 }
 
-/// Returns what the node lacks: its secrets, keys of epochs, the folder of large logs, or a whole log
-/// of receipts.
+/// Returns what the node lacks: its secrets, keys of epochs, the folder of large logs, a clock that can be believed, or a
+/// whole log of receipts.
 async fn lacking(app: &App) -> StoreResult<Vec<String>> {
     let mut lacking = Vec::new();
-    // A node signs with the key that it read, but does not start again without its file.
-    if app.signer.is_none() || !app.store.secrets().has_signer().unwrap_or(false) {
+    // A node signs with the key that it read, but does not start again without its file. One without a database has none.
+    let keeps_keys = !matches!(app.store.location(), Location::Memory);
+    if app.signer.is_none() || (keeps_keys && !app.store.secrets().has_signer().unwrap_or(false)) {
         lacking.push("secrets".to_owned());
     }
     if app.signer.is_some() {

@@ -42,6 +42,8 @@ pub struct Shared {
     pub app: Arc<App>,
     /// Memory budget for request bodies.
     pub bodies: Arc<Semaphore>,
+    /// Memory budget for what free JSON grows into.
+    pub free_json: Arc<Semaphore>,
     /// Requests with an `Idempotency-Key` that are in progress.
     pub in_flight: Arc<InFlight>,
     /// Cache of documents.

@@ -216,6 +216,15 @@ async fn openrlhf_gets_no_reward_from_damaged_data() {
         let misnamed = json!({ "query": ["no"], "labels": [label] });
         assert_eq!(service.post_json("/get_reward", &misnamed).await.faults(422), [place]);
     }
+    // Rows of a joined data set have nulls.
+    for label in [
+        json!({ "task": 113, "reward": null, "scheme": "mean" }),
+        json!({ "task": 113, "reward": "mean", "scheme": null }),
+    ] {
+        let query = json!({ "query": ["{\"events\": []}"], "labels": [label] });
+        let given = service.post_json("/get_reward", &query).await.json();
+        assert!(given["rewards"][0].as_f64().unwrap() > 0.0, "{given}");
+    }
     let twice =
         json!({ "task": 113, "response": { "output_text": "no" }, "reward_scheme": "mean", "scheme": "strict" });
     assert_eq!(service.post_json("/verify", &twice).await.faults(422), ["null /scheme"]);

@@ -18,7 +18,10 @@ pub struct Limits {
     /// Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
     /// object counts as 16 more, an array as 4.
     pub free_json_values: usize,
-    /// The same for metadata, a card, a task that a request brings, and a label as text.
+    /// Bytes of memory for the values of such bodies, of all requests that are read or wait for grading at the same time;
+    /// others wait.
+    pub free_json_in_memory_bytes: usize,
+    /// Values in metadata, in a card, in a task that a request brings, and in a label as text.
     pub free_json_member_values: usize,
     /// Characters in the identifier of a task.
     pub task_chars: usize,

@@ -896,9 +896,14 @@ class Limits(BaseModel):
     Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
     object counts as 16 more, an array as 4.
     """
+    free_json_in_memory_bytes: Annotated[int, Field(ge=0)]
+    """
+    Bytes of memory for the values of such bodies, of all requests that are read or wait for grading at the same time;
+    others wait.
+    """
     free_json_member_values: Annotated[int, Field(ge=0)]
     """
-    The same for metadata, a card, a task that a request brings, and a label as text.
+    Values in metadata, in a card, in a task that a request brings, and in a label as text.
     """
     task_chars: Annotated[int, Field(ge=0)]
     """

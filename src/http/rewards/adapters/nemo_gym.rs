@@ -5,8 +5,6 @@
 //! `reward_scheme` name the task, at the top level or under `verifier_metadata`, `task_data` or `verification_input`.
 //! The response to a flat request repeats the request.
 
-use std::sync::Arc;
-
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
@@ -17,12 +15,12 @@ use serde_json::{Map, Value, json};
 use super::add_misspelt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
-use crate::app::body::free::{FreeJson, Room, memory_of};
+use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::scheme::SchemeBody;
 use crate::app::submissions::posted::TaskRef;
-use crate::http::extract::body::JsonBody;
+use crate::http::extract::body::{JsonBody, room_to_grow};
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::checks::Criterion;
@@ -167,13 +165,12 @@ pub async fn reverify_mode() -> Json<&'static str> {
         (status = 504, description = "The deadline passed"),
     )
 )]
-pub async fn verify(State(state): State<AppState>, caller: Caller, mut body: JsonBody) -> AppResult<Json<Value>> {
+pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
     caller.require(Scope::Grade)?;
     let who = caller.who();
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let budget = Arc::clone(&state.bodies);
+    let _room = room_to_grow(&body, &state.free_json).await?;
     let reading = tokio::task::spawn_blocking(move || {
-        body.take_memory(&budget, memory_of(&body.bytes))?;
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
         AppResult::Ok((request, naming, texts, body.share))

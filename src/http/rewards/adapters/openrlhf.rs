@@ -4,7 +4,6 @@
 //! `task`, `suite` and `reward`. The trainer turns the response into tensors, so every list has a number for every
 //! sample, even for one that could not be graded.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use axum::Json;
@@ -18,13 +17,13 @@ use super::add_misspelt;
 use super::prompt::without_prompt;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
-use crate::app::body::free::{FreeJson, Room, memory_of};
+use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult, FaultBody, Kind};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::in_time::graded_in_time;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::score::GradeBody;
-use crate::http::extract::body::{JsonBody, read_json};
+use crate::http::extract::body::{JsonBody, read_json, room_to_grow};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
@@ -131,15 +130,12 @@ pub struct SampleProblem {
         (status = 504, description = "A deadline passed"),
     )
 )]
-pub async fn get_reward(State(state): State<AppState>, caller: Caller, mut body: JsonBody) -> AppResult<Json<Rewards>> {
+pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Rewards>> {
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
-    let budget = Arc::clone(&state.bodies);
-    let reading = tokio::task::spawn_blocking(move || {
-        body.take_memory(&budget, memory_of(&body.bytes))?;
-        read(&body).map(|query| (query, body.share))
-    });
+    let _room = room_to_grow(&body, &state.free_json).await?;
+    let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
     let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
     // The trainer sends each sample by itself, all of a step at once, and gives up after a few refusals.
     let is_small = query.query.len() <= AT_ONCE;
@@ -210,7 +206,7 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
     };
     // Data sets for other frameworks call the reward's scheme otherwise.
     for other in ["scheme", "reward_scheme"] {
-        if !object.contains_key("reward")
+        if object.get("reward").is_none_or(Value::is_null)
             && let Some(scheme) = object.remove(other)
         {
             object.insert("reward".to_owned(), scheme);
@@ -222,7 +218,8 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
         faults.add_at(key, "unknown; did you mean reward_scheme?");
     }
     for other in ["scheme", "reward_scheme"] {
-        if object.get(other).is_some_and(|scheme| object.get("reward") != Some(scheme)) {
+        let given = object.get(other).filter(|scheme| !scheme.is_null());
+        if given.is_some_and(|scheme| object.get("reward") != Some(scheme)) {
             faults.add_at(other, "another scheme than that of reward; give one");
         }
     }
