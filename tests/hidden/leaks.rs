@@ -15,8 +15,9 @@ use serde_json::{Value, json};
 fn plain(text: &str) -> String {
     let is_wordlike = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | ':' | '.' | '_');
     // Receipts that are published together stand in the order of their random hashes.
-    let text = text.split("\"seq\":").map(|part| part.trim_start_matches(|c: char| c.is_ascii_digit()));
-    let text = text.collect::<Vec<_>>().join("\"seq\":");
+    let mut parts = text.split("\"seq\":");
+    let first = parts.next().map(str::to_owned).unwrap_or_default();
+    let text = parts.fold(first, |text, part| text + "\"seq\":" + part.trim_start_matches(|c: char| c.is_ascii_digit()));
     let mut out = String::new();
     let mut word = String::new();
     for c in text.chars().chain(['\n']) {
@@ -123,7 +124,10 @@ impl Observed {
 /// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes
 /// first.
 fn is_chance(line: &str) -> bool {
-    line.contains("method=GET route=\"/v1/entries/{id}\"") || line.contains("plumbline::startup: listening")
+    // What the start says comes in any order.
+    ["method=GET route=\"/v1/entries/{id}\"", "plumbline::startup: listening", "an epoch is open"]
+        .iter()
+        .any(|chance| line.contains(chance))
 }
 
 /// Version of an id: 4 is random, 7 begins with the time.
