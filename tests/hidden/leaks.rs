@@ -17,7 +17,8 @@ fn plain(text: &str) -> String {
     // Receipts that are published together stand in the order of their random hashes.
     let mut parts = text.split("\"seq\":");
     let first = parts.next().map(str::to_owned).unwrap_or_default();
-    let text = parts.fold(first, |text, part| text + "\"seq\":" + part.trim_start_matches(|c: char| c.is_ascii_digit()));
+    let text =
+        parts.fold(first, |text, part| text + "\"seq\":" + part.trim_start_matches(|c: char| c.is_ascii_digit()));
     let mut out = String::new();
     let mut word = String::new();
     for c in text.chars().chain(['\n']) {
