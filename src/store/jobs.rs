@@ -91,7 +91,7 @@ impl Store {
         let has_ended = end.record(&mut tx, &*self.signer()?, &why, &suite_id, now_ms).await?;
         tx.notify(Notice::Ended { changes_board: has_ended }).await?;
         commit(tx, "claim (given up)").await?;
-        tracing::error!(submission = submission_id, why, "a submission ends as grader_error");
+        tracing::error!(submission = submission_id, why, "a submission ended as grader_error");
         self.note_ends(has_ended);
         Ok(())
     }

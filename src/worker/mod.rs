@@ -265,8 +265,8 @@ impl Worker {
 
     async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
         self.count_error();
-        tracing::error!(submission = claim.submission_id, why, "a submission ends as grader_error");
         self.record(Outcome::Failed(claim, why)).await?;
+        tracing::error!(submission = claim.submission_id, why, "a submission ended as grader_error");
         Ok(())
     }
 

@@ -15,7 +15,7 @@ from conftest import WALL, Running
 
 from plumbline_client import AsyncClient, Client, Coalescer, Retries, errors, models
 from plumbline_client.batches import Batch
-from plumbline_client.events import Lines
+from plumbline_client.events import EventReader, Lines, Reopening
 
 UGLY = (
     "<think>Should it be dirt?\tNo — 石.</think>\nSure! Here's the wall:\n\n```javascript\n"
@@ -89,6 +89,19 @@ def test_a_stream_that_brings_nothing_is_opened_again_with_patience() -> None:
     time.sleep(2)
     server.shutdown()
     assert 2 <= len(opened) <= 20
+
+
+def test_a_stream_may_be_quiet_for_longer_than_calls_are_repeated() -> None:
+    reopening = Reopening(Retries(first_s=0.01, longest_s=0.05, deadline_s=0.1), EventReader(None))
+    for _ in range(2):
+        reopening.opens()
+        time.sleep(0.2)
+        assert reopening.delay(errors.NotReached("it broke off")) <= 0.05
+    # A service that is away is not asked for ever.
+    with pytest.raises(errors.NotReached):
+        for _ in range(30):
+            reopening.opens()
+            time.sleep(reopening.delay(errors.NotReached("nobody listens")))
 
 
 def test_a_model_of_the_package_can_be_sent_back(client: Client, wall: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ import httpx
 from . import calls, errors, models, resources
 from .batches import Batch, Request, item
 from .calls import Attempts, Profile, Retries, Track
-from .events import EventReader, Lines
+from .events import EventReader, Lines, Reopening
 
 T = TypeVar("T")
 
@@ -123,10 +123,10 @@ class Events:
         """
         reader = EventReader(after)
         params = {"run": run, "submission": submission, "after": after}
-        attempts = Attempts(self._client.retries, is_repeatable=True)
+        reopening = Reopening(self._client.retries, reader)
         had_ended = False
         while True:
-            seen = reader.last_id
+            reopening.opens()
             try:
                 for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
                     if (event := reader.read(line)) is not None:
@@ -134,14 +134,12 @@ class Events:
                         if submission is not None or (run is not None and event.submission is None):
                             return
                 # The service also ends a stream when it stops. One that began after the end brings what there is.
-                if had_ended and reader.last_id == seen:
+                if had_ended and not reopening.has_brought():
                     return
                 had_ended = self._has_ended(run, submission)
-                delay = 0.0 if had_ended or reader.last_id != seen else attempts.pause()
+                delay = 0.0 if had_ended else reopening.delay(None)
             except errors.PlumblineError as error:
-                delay = 0.0 if reader.last_id != seen else attempts.delay(error, was_sent=True)
-            if reader.last_id != seen:
-                attempts = Attempts(self._client.retries, is_repeatable=True)
+                delay = reopening.delay(error)
             time.sleep(delay)
 
     def _has_ended(self, run: str | UUID | None, submission: str | UUID | None) -> bool:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 from pydantic_core import from_json
 
+from .calls import Attempts, Retries
+from .errors import PlumblineError
 from .models import EventBody
 
 
@@ -30,6 +34,32 @@ class Lines:
         """Returns the last line if no line feed ended it."""
         last = b"".join(self._begun)
         return [last] if last else []
+
+
+class Reopening:
+    """When a stream that broke off or ended is opened again: at once after an event, otherwise with patience."""
+
+    def __init__(self, retries: Retries, reader: EventReader) -> None:
+        self._retries = retries
+        self._reader = reader
+        self._attempts = Attempts(retries, is_repeatable=True)
+
+    def opens(self) -> None:
+        """Notes that the stream is opened now."""
+        self._opened = time.monotonic()
+        self._seen = self._reader.last_id
+
+    def has_brought(self) -> bool:
+        """Whether the stream has brought an event since it was opened."""
+        return self._reader.last_id != self._seen
+
+    def delay(self, error: PlumblineError | None) -> float:
+        """Returns the seconds to wait; raises the error if the service does not come back."""
+        if self.has_brought() or time.monotonic() - self._opened > self._retries.longest_s:
+            self._attempts = Attempts(self._retries, is_repeatable=True)
+        if self.has_brought():
+            return 0.0
+        return self._attempts.pause() if error is None else self._attempts.delay(error, was_sent=True)
 
 
 class EventReader:
