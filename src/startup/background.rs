@@ -88,12 +88,11 @@ pub(super) fn look_at_file(store: &Store) {
     let Err(error) = file.must_be_in_place() else { return };
     tracing::error!("{error}");
     match file.set_log_aside() {
-        Ok(true) => {
-            tracing::error!(
-                "its -wal and -shm were renamed to -wal.lost and -shm.lost: they belong to the file before"
-            );
+        Ok(names) => {
+            for name in names {
+                tracing::error!(name = %name.display(), "the log of the file before was set aside under this name");
+            }
         }
-        Ok(false) => {}
         Err(error) => tracing::error!(%error, "its -wal and -shm belong to the file before: move them away"),
     }
 }

@@ -14,7 +14,6 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use super::acceptance::{Acceptability, Accepted, Decide, Decision, Facts, ToStore, locks_of, store_all};
 use super::db::{Pool, Tx};
 use super::idempotency::{IdempotencyKey, PriorRequest};
-use super::opened_file::OpenedFile;
 use super::postgres::notices::Notice;
 use super::submissions::NewSubmission;
 use super::{Store, StoreError, StoreResult, commit};
@@ -43,15 +42,14 @@ pub(super) struct Acceptances(mpsc::Sender<Acceptance>);
 
 impl Acceptances {
     /// Starts the task. It ends when the last handle is dropped.
-    pub fn start(writer: Pool, file: Option<OpenedFile>, queued: Arc<Notify>) -> Self {
+    pub fn start(writer: Pool, queued: Arc<Notify>) -> Self {
         let (sender, mut receiver) = mpsc::channel(WAITING);
         tokio::spawn(async move {
             let mut group = Vec::with_capacity(MAX_GROUP);
             while receiver.recv_many(&mut group, MAX_GROUP).await > 0 {
                 metrics::histogram!("plumbline_accepted_together").record(group.len() as f64);
                 // A panic ends the requests of its group, not the task that all later ones need.
-                let stored =
-                    AssertUnwindSafe(store(&writer, file.as_ref(), std::mem::take(&mut group))).catch_unwind().await;
+                let stored = AssertUnwindSafe(store(&writer, std::mem::take(&mut group))).catch_unwind().await;
                 match stored {
                     Ok(true) => queued.notify_waiters(),
                     Ok(false) => {}
@@ -86,8 +84,8 @@ impl Store {
 }
 
 /// Stores a group of requests and answers them. Returns whether a job was queued.
-async fn store(writer: &Pool, file: Option<&OpenedFile>, group: Vec<Acceptance>) -> bool {
-    match together(writer, file, &group).await {
+async fn store(writer: &Pool, group: Vec<Acceptance>) -> bool {
+    match together(writer, &group).await {
         Ok((answers, is_queued)) => {
             for (request, answer) in group.into_iter().zip(answers) {
                 // The client may be gone.
@@ -107,7 +105,7 @@ async fn store(writer: &Pool, file: Option<&OpenedFile>, group: Vec<Acceptance>)
             // One request failed the whole group: store each on its own.
             let mut is_any_queued = false;
             for request in group {
-                let alone = together(writer, file, std::slice::from_ref(&request)).await;
+                let alone = together(writer, std::slice::from_ref(&request)).await;
                 is_any_queued |= matches!(alone, Ok((_, true)));
                 let answer = alone.map(|(mut answers, _)| answers.pop().expect("one request has one answer"));
                 let _ = request.answer.send(answer);
@@ -125,18 +123,9 @@ async fn store(writer: &Pool, file: Option<&OpenedFile>, group: Vec<Acceptance>)
 
 /// Stores the requests in one transaction, and returns their answers and whether a job was queued. A refused request
 /// leaves no trace.
-async fn together(
-    writer: &Pool,
-    file: Option<&OpenedFile>,
-    group: &[Acceptance],
-) -> StoreResult<(Vec<Acceptability>, bool)> {
+async fn together(writer: &Pool, group: &[Acceptance]) -> StoreResult<(Vec<Acceptability>, bool)> {
     let late = |_| sqlx::Error::Io(io::Error::new(io::ErrorKind::TimedOut, "the database takes too long to store"));
-    let is_in_place = || file.map_or(Ok(()), OpenedFile::must_be_in_place);
-    is_in_place()?;
-    let stored = tokio::time::timeout(PATIENCE, Box::pin(store_group(writer, group))).await.map_err(late)??;
-    // What was written to a file that is gone is not durable.
-    is_in_place()?;
-    Ok(stored)
+    tokio::time::timeout(PATIENCE, Box::pin(store_group(writer, group))).await.map_err(late)?
 }
 
 async fn store_group(writer: &Pool, group: &[Acceptance]) -> StoreResult<(Vec<Acceptability>, bool)> {

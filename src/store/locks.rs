@@ -57,7 +57,7 @@ impl Lock<'_> {
 impl Tx {
     /// Takes locks, in an order that is the same for all transactions. Does nothing on SQLite.
     pub(super) async fn lock<'a>(&mut self, locks: impl IntoIterator<Item = Lock<'a>>) -> StoreResult<()> {
-        if matches!(self, Self::Sqlite(_)) {
+        if matches!(self, Self::Sqlite { .. }) {
             return Ok(());
         }
         let mut locks: Vec<Lock<'a>> = locks.into_iter().collect();

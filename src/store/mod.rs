@@ -107,7 +107,6 @@ pub struct Store {
     signer: Arc<OnceLock<Arc<Signer>>>,
     secrets_read: Arc<SecretsRead>,
     blobs: Blobs,
-    file: Option<OpenedFile>,
 }
 
 impl Store {
@@ -141,9 +140,8 @@ impl Store {
         let (writer, readers) = pools(location, may_change).await?;
         let blobs = Blobs::open(&readers).await?;
         let queued = Arc::<Notify>::default();
-        let file = location.file().and_then(OpenedFile::opened);
         let store = Self {
-            acceptances: Acceptances::start(writer.clone(), file.clone(), Arc::clone(&queued)),
+            acceptances: Acceptances::start(writer.clone(), Arc::clone(&queued)),
             writer,
             readers,
             runs_ended: Arc::default(),
@@ -157,7 +155,6 @@ impl Store {
             signer: Arc::default(),
             secrets_read: Arc::default(),
             blobs,
-            file,
         };
         store.refresh_catalogue().await?;
         Ok(store)
@@ -222,8 +219,11 @@ impl Store {
 
     /// Returns the database file as it was opened; none if there is none.
     #[must_use]
-    pub const fn file(&self) -> Option<&OpenedFile> {
-        self.file.as_ref()
+    pub fn file(&self) -> Option<&OpenedFile> {
+        match &self.writer {
+            Pool::Sqlite { file, .. } => file.as_deref(),
+            Pool::Postgres(_) => None,
+        }
     }
 
     /// Begins a write transaction; on SQLite after the previous one has ended.
@@ -231,9 +231,6 @@ impl Store {
     /// # Errors
     /// Returns an error if the database fails, or its file is not where it was.
     pub async fn begin(&self) -> StoreResult<Tx> {
-        if let Some(file) = &self.file {
-            file.must_be_in_place()?;
-        }
         self.writer.begin_writing().await
     }
 

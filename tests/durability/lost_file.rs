@@ -48,6 +48,15 @@ async fn a_file_that_is_gone_is_told_while_the_service_runs() {
     std::fs::rename(&other, &database).unwrap();
     let lost = folder.path().join("p.db-wal.lost");
     service.wait_for("/v1/suites", |_| lost.exists()).await;
+    assert!(std::fs::read(&database).unwrap() == before && !folder.path().join("p.db-wal").exists());
+    // Nor does it touch the log of the service that takes over, which may hold all that was acknowledged.
+    let successor = Service::start(&database, &[]);
+    let accepted = successor.post_json("/v1/submissions", &body).await;
+    assert_eq!(accepted.status.as_u16(), 202, "{}", accepted.text);
+    successor.kill();
+    let looks = || service.said.lock().unwrap().iter().filter(|line| line.contains("was deleted, moved")).count();
+    let looked = looks();
+    service.wait_for("/v1/suites", |_| looks() >= looked + 2).await;
     let stopped = Command::new("kill").args(["-TERM", &service.process_id().to_string()]).status().unwrap();
     assert!(stopped.success());
     let begun = Instant::now();
@@ -56,7 +65,11 @@ async fn a_file_that_is_gone_is_told_while_the_service_runs() {
     {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    assert!(std::fs::read(&database).unwrap() == before && !folder.path().join("p.db-wal").exists());
+    let second = std::fs::exists(folder.path().join("p.db-wal.lost-2")).unwrap();
+    assert!(folder.path().join("p.db-wal").exists() && !second, "{:?}", service.said.lock().unwrap());
+    let service = Service::start(&database, &[]);
+    let found = service.get(&format!("/v1/submissions/{}", accepted.json()["id"].as_str().unwrap())).await;
+    assert_eq!(found.status.as_u16(), 200, "{}", found.text);
     // A worker makes no database of its own.
     let nowhere = folder.path().join("misspelt.db");
     let mut work = Command::new(PROGRAM);

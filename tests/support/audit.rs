@@ -85,7 +85,7 @@ pub async fn audit_books(pool: &Pool, acknowledged: &[String], when: &str) {
             query_scalar("SELECT state FROM submissions WHERE id = $1").bind(id).fetch_optional(pool).await.unwrap();
         assert!(found.is_some(), "{when}: the acknowledged submission {id} is lost");
     }
-    if matches!(pool, Pool::Sqlite(_)) {
+    if matches!(pool, Pool::Sqlite { .. }) {
         let whole: String = query_scalar("PRAGMA integrity_check").fetch_one(pool).await.unwrap();
         assert_eq!(whole, "ok", "{when}");
     }

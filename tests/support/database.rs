@@ -63,5 +63,5 @@ pub async fn pool(path: &Path) -> Pool {
         return Pool::Postgres(sqlx::PgPool::connect(&url(path)).await.unwrap());
     }
     let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path);
-    Pool::Sqlite(sqlx::SqlitePool::connect_with(options).await.unwrap())
+    Pool::Sqlite { pool: sqlx::SqlitePool::connect_with(options).await.unwrap(), file: None }
 }

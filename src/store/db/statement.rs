@@ -72,7 +72,7 @@ pub enum On<'c> {
 impl<'c> From<&'c Pool> for On<'c> {
     fn from(pool: &'c Pool) -> Self {
         match pool {
-            Pool::Sqlite(pool) => On::SqlitePool(pool),
+            Pool::Sqlite { pool, .. } => On::SqlitePool(pool),
             Pool::Postgres(pool) => On::PostgresPool(pool),
         }
     }
@@ -81,7 +81,7 @@ impl<'c> From<&'c Pool> for On<'c> {
 impl<'c> From<&'c mut Tx> for On<'c> {
     fn from(tx: &'c mut Tx) -> Self {
         match tx {
-            Tx::Sqlite(tx) => On::Sqlite(tx),
+            Tx::Sqlite { tx, .. } => On::Sqlite(tx),
             Tx::Postgres(tx) => On::Postgres(tx),
         }
     }
@@ -212,7 +212,7 @@ impl<R> Query<R> {
         R: Reads<T>,
     {
         match tx {
-            Tx::Sqlite(tx) => {
+            Tx::Sqlite { tx, .. } => {
                 let mut rows = sqlite(self.text.sqlite, self.values).fetch(&mut **tx);
                 while let Some(row) = rows.try_next().await? {
                     each(R::read(Row::Sqlite(row))?).await?;

@@ -42,7 +42,7 @@ pub(in crate::store) enum Notice {
 impl Tx {
     /// Tells all nodes once the transaction is committed. Does nothing on SQLite, whose file one process serves.
     pub(in crate::store) async fn notify(&mut self, notice: Notice) -> StoreResult<()> {
-        if matches!(self, Self::Sqlite(_)) {
+        if matches!(self, Self::Sqlite { .. }) {
             return Ok(());
         }
         let (channel, what) = match notice {

@@ -4,6 +4,7 @@ pub mod copies;
 pub(super) mod schema;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
@@ -11,6 +12,7 @@ use sqlx::{Connection as _, SqlitePool};
 
 use super::db::Pool;
 use super::migrations::SQLITE;
+use super::opened_file::OpenedFile;
 use super::{StoreError, StoreResult};
 
 /// Number of connections that read.
@@ -56,7 +58,8 @@ pub(super) async fn open(file: &Path, may_change: bool) -> StoreResult<(Pool, Po
         .max_lifetime(None)
         .connect_with(options.read_only(true))
         .await?;
-    Ok((Pool::Sqlite(writer), Pool::Sqlite(readers)))
+    let file = OpenedFile::opened(file).map(Arc::new);
+    Ok((Pool::Sqlite { pool: writer, file }, Pool::Sqlite { pool: readers, file: None }))
 }
 
 /// Opens an empty database in memory, with one connection that writes and reads.
@@ -69,13 +72,15 @@ pub(super) async fn open_in_memory() -> StoreResult<(Pool, Pool)> {
         .connect_with(SqliteConnectOptions::new().in_memory(true).foreign_keys(true))
         .await?;
     SQLITE.run(&pool).await?;
-    Ok((Pool::Sqlite(pool.clone()), Pool::Sqlite(pool)))
+    let both = Pool::Sqlite { pool, file: None };
+    Ok((both.clone(), both))
 }
 
 /// Opens an existing file for reading alone.
 pub(super) async fn open_reading(file: &Path) -> StoreResult<Pool> {
     let options = SqliteConnectOptions::new().filename(file).read_only(true);
-    Ok(Pool::Sqlite(SqlitePoolOptions::new().max_connections(1).connect_with(options).await?))
+    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await?;
+    Ok(Pool::Sqlite { pool, file: None })
 }
 
 /// Returns the size of a file and its write-ahead log, in bytes.
