@@ -7,7 +7,12 @@ use jiff::Timestamp;
 /// Returns the current time in milliseconds since 1970 (UTC).
 #[must_use]
 pub fn now_ms() -> i64 {
-    wall_ms() + set_ms()[0]
+    wall_ms() + travelled_ms()
+}
+
+/// Returns how far a test has moved time, in milliseconds.
+fn travelled_ms() -> i64 {
+    set_ms()[0]
 }
 
 /// Returns what the machine's clock says, in milliseconds since 1970: without the time travel of a test, but with the

@@ -6,7 +6,7 @@
 use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::{now_ms, wall_ms};
+use super::{travelled_ms, wall_ms};
 
 /// Time for which a jump must last before it is believed.
 const PATIENCE: Duration = Duration::from_mins(1);
@@ -24,7 +24,9 @@ pub fn steady_now_ms() -> i64 {
 /// Returns whether the clock has jumped and is not believed yet.
 #[must_use]
 pub fn is_doubted() -> bool {
-    kept().jumped.is_some()
+    let mut clock = kept();
+    clock.now_ms();
+    clock.jumped.is_some()
 }
 
 fn kept() -> std::sync::MutexGuard<'static, SteadyClock> {
@@ -58,8 +60,8 @@ impl SteadyClock {
     }
 
     fn now_ms(&mut self) -> i64 {
-        let doubted = self.doubted_ms(wall_ms(), self.begun.elapsed());
-        now_ms() - doubted
+        let wall_ms = wall_ms();
+        wall_ms + travelled_ms() - self.doubted_ms(wall_ms, self.begun.elapsed())
     }
 
     /// Returns how many milliseconds of the wall clock's time are not believed.

@@ -1,6 +1,6 @@
 //! Epochs: their commitments, and when they are over.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
@@ -107,6 +107,8 @@ impl EpochRow {
 #[derive(Debug, Default)]
 pub(super) struct SecretsRead {
     known: Mutex<HashMap<String, Arc<EpochSecret>>>,
+    /// Epochs whose secret is not there, which is logged once each time.
+    missing: Mutex<HashSet<String>>,
     /// Held while a secret is read, which may draw a pool.
     reading: tokio::sync::Mutex<()>,
 }
@@ -282,7 +284,8 @@ impl Store {
         Ok(is_closed)
     }
 
-    /// Returns the secret that an epoch draws from; none if it is lost, or is not the one committed to.
+    /// Returns the secret that an epoch draws from; none if it is lost, or is not the one committed to. Then the log says
+    /// so, once.
     ///
     /// # Errors
     /// Returns an error if the file cannot be read.
@@ -301,7 +304,18 @@ impl Store {
         let id = epoch.id().to_owned();
         let read = tokio::task::spawn_blocking(move || secrets.epoch(&epoch.commitment, epoch.pool.as_ref()));
         let read = read.await.map_err(|error| StoreError::failed("reading a secret", error))??;
-        let Some(secret) = read.map(Arc::new) else { return Ok(None) };
+        let missing = || self.secrets_read.missing.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(secret) = read.map(Arc::new) else {
+            if missing().insert(id.clone()) {
+                tracing::error!(
+                    epoch = id,
+                    folder = %self.secrets.folder().display(),
+                    "the folder of secrets does not hold the key that the epoch is committed to: put it back"
+                );
+            }
+            return Ok(None);
+        };
+        missing().remove(&id);
         held().insert(id, Arc::clone(&secret));
         Ok(Some(secret))
     }

@@ -3,6 +3,7 @@
 use super::db::{Tx, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreResult, commit};
+use crate::clock::steady::steady_now_ms;
 
 /// Time for which a key is remembered, in milliseconds.
 pub const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
@@ -37,6 +38,8 @@ impl IdempotencyKey {
 
     /// Looks up earlier use of the key, within the transaction.
     pub(super) async fn before(&self, tx: &mut Tx, now_ms: i64) -> StoreResult<PriorRequest> {
+        // A clock that jumps for moments must not have a request carried out twice.
+        let now_ms = now_ms.min(steady_now_ms());
         let found: Option<(String, String)> =
             query_as("SELECT body_hash, result FROM idempotency WHERE owner = $1 AND key = $2 AND created_at_ms > $3")
                 .bind(&self.owner)

@@ -8,6 +8,8 @@ use crate::support::epoch::{Scene, run, said};
 use reqwest::StatusCode;
 use serde_json::json;
 
+const NONCE: &str = "a nonce of our own 1";
+
 #[tokio::test]
 async fn an_epoch_without_its_key_waits_for_it() {
     let mut scene = Scene::new(&[]);
@@ -41,7 +43,7 @@ async fn an_epoch_without_its_key_waits_for_it() {
     let at = text.find("\"key\":\"").unwrap() + 7;
     let flipped = if &text[at..=at] == "0" { "1" } else { "0" };
     std::fs::write(secrets.join("epoch-autumn.json"), format!("{}{flipped}{}", &text[..at], &text[at + 1..])).unwrap();
-    let draw = json!({ "run": 1, "nonce": "a nonce of our own 1" });
+    let draw = json!({ "run": 1, "nonce": NONCE });
     let refused = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &draw).await;
     assert_eq!(refused.status, StatusCode::SERVICE_UNAVAILABLE, "{}", refused.text);
     assert_eq!(refused.json()["type"], "urn:plumbline:problem:not-ready", "{}", refused.text);
@@ -87,6 +89,10 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     tokio::time::sleep(Duration::from_secs(3)).await;
     let refused = scene.service.get("/v1/epochs/autumn/reveal").await;
     assert_eq!(refused.status, StatusCode::CONFLICT, "{}", refused.text);
+    // Whoever is too late by such a clock is asked to come again: an agent's client does so by itself.
+    let late = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &json!({ "run": 1, "nonce": NONCE })).await;
+    assert_eq!(late.status, StatusCode::SERVICE_UNAVAILABLE, "{}", late.text);
+    assert_eq!(late.headers["retry-after"], "60");
     scene.jump_clock(0);
     scene.service.wait_for("/v1/epochs/autumn", |epoch| epoch["state"] == "open" && said("jumped back")).await;
     scene.draw(&lab, &entry, 1).await;

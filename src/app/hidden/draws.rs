@@ -5,12 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::body::NewDrawBody;
 use super::draw::decide_draw;
 use super::entries::entrants_entry;
-use super::epochs::{not_open, secret_of, stored_epoch};
+use super::epochs::{clock_in_doubt, not_open, secret_of, stored_epoch};
 use super::instances::{IssuedInstance, with_prompts};
 use super::siblings::siblings;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
+use crate::clock::steady::is_doubted;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::draws::{DrawRefusal, Issued, NewDraw};
 use crate::store::entries::EntryRow;
@@ -80,6 +81,10 @@ pub async fn draw_run(
         return Err(AppError::faulty(faults));
     };
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
+    // What is drawn expires by this clock, and shares that ended by it are given to others.
+    if is_doubted() {
+        return Err(clock_in_doubt());
+    }
     let now = now_ms();
     let secret = secret_of(&app.store, &epoch).await?;
     // A proof takes a millisecond: it is computed before the transaction, in which others would wait for it.

@@ -4,13 +4,14 @@ use serde_json::Value;
 use uuid::Uuid;
 
 use super::body::NewEntryBody;
-use super::epochs::{not_open, stored_epoch};
+use super::epochs::{clock_in_doubt, not_open, stored_epoch};
 use super::receipts::given;
 use super::registration::decide_registration;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::submissions::accept::key_reused;
+use crate::clock::steady::is_doubted;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::{EntryRow, InstanceOutcome};
 use crate::store::epochs::EpochRow;
@@ -76,6 +77,9 @@ pub async fn register_entry(
     else {
         return Err(AppError::faulty(faults));
     };
+    if is_doubted() {
+        return Err(clock_in_doubt());
+    }
     let id = Uuid::now_v7().to_string();
     let new = NewEntry {
         id: &id,

@@ -7,6 +7,7 @@ use futures_util::stream::{self, BoxStream};
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
+use crate::clock::steady::is_doubted;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::EpochRow;
@@ -71,16 +72,24 @@ pub(super) async fn stored_epoch(app: &App, id: &str) -> AppResult<EpochRow> {
     row.ok_or_else(|| AppError::not_found(format!("there is no epoch {id:?}; /v1/epochs lists them")))
 }
 
-/// Creates the conflict that says why the epoch is not open.
+/// Creates the failure that says why the epoch is not open: a conflict, unless the clock by which it is not open is in
+/// doubt.
 pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     let detail = match &epoch.closed {
         Some((_, reason)) => format!("the epoch is closed: {reason}"),
+        None if is_doubted() => return clock_in_doubt(),
         None if epoch.is_over(now_ms()) => {
             format!("the epoch closed at {}", rfc3339(epoch.commitment.closes_at_ms))
         }
         None => format!("the epoch opens at {}", rfc3339(epoch.commitment.opens_at_ms)),
     };
     AppError::conflict("epoch-not-open", detail)
+}
+
+/// Creates the failure for a request that depends on a clock that has just jumped.
+pub(super) fn clock_in_doubt() -> AppError {
+    let detail = "the service's clock has jumped and is not believed yet; send the request again";
+    AppError::new(Kind::NotReady, detail).retry_after(60)
 }
 
 /// Returns the secret that an epoch draws from.
@@ -92,11 +101,6 @@ pub(super) async fn secret_of(store: &Store, epoch: &EpochRow) -> AppResult<Arc<
     if let Some(secret) = store.epoch_secret(epoch).await? {
         return Ok(secret);
     }
-    tracing::error!(
-        epoch = epoch.id(),
-        folder = %store.secrets().folder().display(),
-        "the folder of secrets does not hold the key that the epoch is committed to: put it back"
-    );
     let (detail, seconds) = match store.location() {
         Location::Server(_) => ("this node lacks the key of the epoch; send the request again, to another node", 1),
         Location::File(_) | Location::Memory | Location::Unreadable(_) => {

@@ -7,7 +7,7 @@ use uuid::Uuid;
 use super::acceptance::decide_answer;
 use super::answer::{PostedAnswer, read_answer};
 use super::entries::{require_entrant, require_owner};
-use super::epochs::{not_open, stored_epoch};
+use super::epochs::{clock_in_doubt, not_open, stored_epoch};
 use super::receipts::given;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
@@ -17,6 +17,7 @@ use crate::app::limits::LIMITS;
 use crate::app::replay::complete_log;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::posted::Format;
+use crate::clock::steady::is_doubted;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::HIDDEN_SUITE;
@@ -147,8 +148,8 @@ pub async fn answer_instance(
     answer_replayed(app, caller, id, body, format, Vec::new()).await
 }
 
-/// Answers an instance as [`answer_instance`] does. `told` is what code told that was run before, by an episode, and of
-/// which the body has the events.
+/// Answers an instance as [`answer_instance`] does. The action code has already run, in an episode: the body has the
+/// resulting events, and `replays` has the results of the code.
 ///
 /// # Errors
 /// Returns the same errors as [`answer_instance`].
@@ -235,6 +236,7 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
         AnswerRefusal::OtherLog => {
             AppError::conflict("already-answered", "the instance was already answered, with another log")
         }
+        AnswerRefusal::Expired if is_doubted() => clock_in_doubt(),
         AnswerRefusal::Expired => {
             let detail = format!("the instance expired at {}", rfc3339(instance.expires_at_ms));
             AppError::conflict("expired", detail)
