@@ -35,6 +35,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
             println!("DAMAGED  {error:#}");
         }
     }
+    let mut last_reason = String::new();
     let mut tell = |Found { kind, place, detail }: Found| match kind {
         FoundKind::Damaged => {
             damaged += 1;
@@ -43,8 +44,9 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
         FoundKind::Unreached => {
             unreached += 1;
             // One place is unreachable for all that is in it.
-            if unreached == 1 {
+            if last_reason != detail {
                 println!("NOT CHECKED  {place}: {detail}");
+                last_reason = detail;
             }
         }
         FoundKind::Missing => {
@@ -63,10 +65,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
         );
     }
     if unreached > 0 {
-        println!(
-            "{} could not be checked: make the place reachable, and check again",
-            counted(unreached, "log or report")
-        );
+        println!("{} could not be checked: make it reachable, and check again", counted(unreached, "item"));
     }
     if damaged > 0 {
         println!("{}: restore the last backup that passes this check", counted(damaged, "fault"));

@@ -4,15 +4,17 @@
 use sha2::{Digest as _, Sha256};
 
 use super::blobs::Blobs;
-use super::db::{Dialect, Pool, Row, Text, Tx, query, query_scalar};
+use super::db::{Dialect, Pool, Row, Text, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::secrets::Secrets;
 use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::transfer_tables::{KINDS, Kind};
 use super::{StoreError, StoreResult, receipts, schema, sqlite};
 use plumbline_engine::grading::ProblemScores;
+use plumbline_engine::grading::report::Report;
+use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::commitment::Commitment;
-use plumbline_engine::hidden::receipts::{ReceiptFault, ReceiptFile, verify, verify_chain};
+use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFault, ReceiptFile, link, verify, verify_chain};
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
 
@@ -34,7 +36,7 @@ pub enum FoundKind {
     Damaged,
     /// Data cannot be read now, for example because its place cannot be reached.
     Unreached,
-    /// A key is elsewhere, as beside a backup that was made without keys.
+    /// A key is elsewhere, for example because a backup was made without keys or before the key changed.
     Missing,
 }
 
@@ -43,11 +45,17 @@ impl Found {
         Self { kind: FoundKind::Damaged, place, detail }
     }
 
-    /// Returns what an error says of a place.
+    fn unreached(place: String, error: &StoreError) -> Self {
+        Self { kind: FoundKind::Unreached, place, detail: error.to_string() }
+    }
+
+    /// Describes an error of reading: damage, unless the data could not be reached.
     fn of(place: String, error: &StoreError) -> Self {
-        let is_unreached = matches!(error, StoreError::Blobs { .. } | StoreError::BlobPlace(_));
-        let kind = if is_unreached { FoundKind::Unreached } else { FoundKind::Damaged };
-        Self { kind, place, detail: error.to_string() }
+        let is_elsewhere = matches!(error, StoreError::Blobs { .. } | StoreError::BlobPlace(_));
+        if is_elsewhere || error.is_busy() || error.has_ended_transaction() {
+            return Self::unreached(place, error);
+        }
+        Self::damaged(place, error.to_string())
     }
 }
 
@@ -83,7 +91,9 @@ pub async fn check(
     counts.push(("tasks", check.tasks().await));
     counts.push(("submissions", check.submissions().await));
     counts.push(("reports", check.reports().await));
+    counts.push(("regraded", check.regraded().await));
     counts.push(("receipts", check.receipts().await));
+    counts.push(("pending receipts", check.pending_receipts().await));
     check.keys(secrets).await;
     let Check { pool, moment, .. } = check;
     drop(moment);
@@ -148,7 +158,7 @@ impl Check<'_> {
             Ok(())
         };
         if let Err(error) = query(sql).for_each(moment, each).await {
-            tell(Found::damaged(table.to_owned(), format!("after {count} rows: {error}")));
+            tell(Found::of(format!("{table}, after {count} rows"), &error));
         }
         count
     }
@@ -190,21 +200,38 @@ impl Check<'_> {
              AND NOT EXISTS (SELECT 1 FROM reports r WHERE r.submission_id = s.id) ORDER BY id",
         );
         let lost: StoreResult<Vec<String>> = lost.fetch_all(&mut self.moment).await;
-        for id in lost.unwrap_or_default() {
-            (self.tell)(Found::damaged(
-                format!("submissions {id}"),
-                "it is graded, and its report is missing".to_owned(),
-            ));
+        match lost {
+            Ok(ids) => {
+                for id in ids {
+                    let detail = "it is graded, and its report is missing".to_owned();
+                    (self.tell)(Found::damaged(format!("submissions {id}"), detail));
+                }
+            }
+            Err(error) => (self.tell)(Found::of("submissions".to_owned(), &error)),
         }
-        let sql = "SELECT submission_id, attempt, body, scores, overall FROM reports ORDER BY submission_id, attempt";
-        self.rows("reports", sql, async |row, pool, blobs| {
-            let json = blobs.unpack(pool, "reports", row.get(2)?).await?;
-            let scores: &str = row.get(3)?;
-            let read = serde_json::from_slice::<serde::de::IgnoredAny>(&json);
-            let is_passed: bool = row.get(4)?;
-            Ok(match read.and_then(|_| serde_json::from_str::<ProblemScores>(scores)) {
+        self.graded("reports", "SELECT submission_id, body, scores, overall FROM reports ORDER BY submission_id").await
+    }
+
+    async fn regraded(&mut self) -> u64 {
+        self.graded("regraded", "SELECT submission_id, body, scores, overall FROM regraded ORDER BY submission_id")
+            .await
+    }
+
+    /// Compares reports with the scores and the verdict beside them. The columns are the submission, the report, the
+    /// scores and the verdict.
+    async fn graded(&mut self, table: &'static str, sql: &'static str) -> u64 {
+        self.rows(table, sql, async |row, pool, blobs| {
+            let json = blobs.unpack(pool, table, row.get(1)?).await?;
+            let noted: &str = row.get(2)?;
+            let is_passed: bool = row.get(3)?;
+            let read = serde_json::from_slice::<Report>(&json).map(|report| report.scores());
+            let read = read.and_then(|scores| Ok((scores, serde_json::from_str::<ProblemScores>(noted)?)));
+            Ok(match read {
                 Err(error) => Some(error.to_string()),
-                Ok(scores) if scores.overall() != is_passed => Some("its scores say otherwise than it does".to_owned()),
+                Ok((scores, noted)) if scores != noted => Some("it has other scores than were noted".to_owned()),
+                Ok((scores, _)) if scores.overall() != is_passed => {
+                    Some("its scores say otherwise than its verdict".to_owned())
+                }
                 Ok(_) => None,
             })
         })
@@ -230,46 +257,78 @@ impl Check<'_> {
         .await
     }
 
+    /// Verifies the hash and the signature of each receipt that is not in the log yet.
+    async fn pending_receipts(&mut self) -> u64 {
+        let sql = "SELECT id, body, hash, signature, public_key FROM pending_receipts ORDER BY id";
+        self.rows("pending_receipts", sql, async |row, _, _| {
+            let body: &str = row.get(1)?;
+            let receipt = serde_json::from_str(body).map_err(|error| StoreError::corrupt("pending_receipts", error))?;
+            let hash: String = row.get(2)?;
+            let Some(bytes) = unhex(&hash) else { return Ok(Some("its hash is not a SHA-256".to_owned())) };
+            // It has no place yet, so it follows nothing.
+            let file = ReceiptFile {
+                seq: 1,
+                receipt: Some(receipt),
+                signature: Some(row.get(3)?),
+                public_key: row.get(4)?,
+                previous: hex(&FIRST_LINK),
+                link: hex(&link(&FIRST_LINK, &bytes)),
+                place_signature: None,
+                inclusion: None,
+                hash,
+            };
+            Ok(verify(&file, &[&file.public_key]).err().map(|fault| fault.to_string()))
+        })
+        .await
+    }
+
     /// Tells which keys are not in the folder of secrets, or are others than they should be.
     async fn keys(&mut self, secrets: &Secrets) {
-        let folder = secrets.folder().display().to_string();
-        let commitments = query_scalar("SELECT commitment FROM epochs ORDER BY id").fetch_all(&mut self.moment).await;
-        let commitments: Vec<String> = commitments.unwrap_or_default();
-        for commitment in commitments.iter().filter_map(|text| serde_json::from_str::<Commitment>(text).ok()) {
-            let id = &commitment.epoch;
-            let place = format!("{folder}/epoch-{id}.json");
-            if !secrets.has_epoch(id) {
-                let detail = format!("the key of epoch {id} is not there");
-                (self.tell)(Found { kind: FoundKind::Missing, place, detail });
-                continue;
-            }
-            match secrets.epoch(&commitment, None) {
-                Ok(Some(_)) => {}
-                Ok(None) => {
-                    let detail = format!("it is damaged, or not the key that epoch {id} is committed to");
-                    (self.tell)(Found::damaged(place, detail));
-                }
-                Err(error) => (self.tell)(Found::of(place, &error)),
+        let commitments = query_as("SELECT id, commitment FROM epochs ORDER BY id").fetch_all(&mut self.moment).await;
+        let commitments: Vec<(String, String)> = commitments.unwrap_or_else(|error| {
+            (self.tell)(Found::of("epochs".to_owned(), &error));
+            Vec::new()
+        });
+        for (id, commitment) in commitments {
+            match serde_json::from_str(&commitment) {
+                Ok(commitment) => self.epoch_key(secrets, &commitment),
+                Err(error) => (self.tell)(Found::damaged(format!("epochs {id}"), error.to_string())),
             }
         }
         let used = query_scalar("SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1");
-        let used: Option<String> = used.fetch_optional(&mut self.moment).await.ok().flatten();
-        let Some(used) = used else { return };
-        let place = format!("{folder}/receipts.key");
-        match secrets.has_signer() {
-            Ok(false) => {
-                let detail = format!("the key that signed the last receipt, {used}, is not there");
-                (self.tell)(Found { kind: FoundKind::Missing, place, detail });
-            }
-            Ok(true) => match secrets.signer() {
-                Ok(signer) if signer.public_key() == used => {}
-                Ok(_) => (self.tell)(Found::damaged(
-                    place,
-                    format!("it is another key than {used}, which signed the last receipt"),
-                )),
-                Err(error) => (self.tell)(Found::of(place, &error)),
-            },
-            Err(error) => (self.tell)(Found::of(place, &error)),
+        let used: StoreResult<Option<String>> = used.fetch_optional(&mut self.moment).await;
+        match used {
+            Ok(Some(used)) => self.receipt_key(secrets, &used),
+            Ok(None) => {}
+            Err(error) => (self.tell)(Found::of("receipts".to_owned(), &error)),
         }
+    }
+
+    fn epoch_key(&mut self, secrets: &Secrets, commitment: &Commitment) {
+        let id = &commitment.epoch;
+        let place = format!("{}/epoch-{id}.json", secrets.folder().display());
+        (self.tell)(match secrets.epoch(commitment, None) {
+            Ok(Some(_)) => return,
+            Ok(None) if !secrets.has_epoch(id) => {
+                Found { kind: FoundKind::Missing, place, detail: format!("the key of epoch {id} is not there") }
+            }
+            Ok(None) => Found::damaged(place, format!("it is damaged, or not the key that epoch {id} is committed to")),
+            Err(error) => Found::unreached(place, &error),
+        });
+    }
+
+    /// Compares the key in the folder of secrets with the public key that verifies the last receipt.
+    fn receipt_key(&mut self, secrets: &Secrets, used: &str) {
+        let place = format!("{}/receipts.key", secrets.folder().display());
+        let missing = |place, detail| Found { kind: FoundKind::Missing, place, detail };
+        (self.tell)(match secrets.has_signer() {
+            Err(error) => Found::unreached(place, &error),
+            Ok(false) => missing(place, format!("the key that signed the last receipt, {used}, is not there")),
+            Ok(true) => match secrets.signer() {
+                Ok(signer) if signer.public_key() == used => return,
+                Ok(_) => missing(place, format!("it is another key than {used}, which signed the last receipt")),
+                Err(error) => Found::damaged(place, error.to_string()),
+            },
+        });
     }
 }

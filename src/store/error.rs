@@ -175,6 +175,13 @@ impl StoreError {
         }
     }
 
+    /// Returns whether a statement before has ended the transaction.
+    #[must_use]
+    pub fn has_ended_transaction(&self) -> bool {
+        const POSTGRES: &str = "25P02";
+        matches!(self, Self::Database(sqlx::Error::Database(error)) if error.code().is_some_and(|code| code == POSTGRES))
+    }
+
     /// Returns whether stored data is damaged, so that the same operation fails again.
     #[must_use]
     pub fn is_damage(&self) -> bool {

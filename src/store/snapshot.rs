@@ -1,5 +1,7 @@
 //! Reading a whole database from one consistent snapshot: for exports and checks.
 
+use sqlx::AssertSqlSafe;
+
 use super::db::{Dialect, Pool, Row, Tx, query};
 use super::location::Location;
 use super::{StoreError, StoreResult, postgres, sqlite};
@@ -18,8 +20,10 @@ pub(super) async fn open_reading(database: &Location) -> StoreResult<Pool> {
 pub(super) async fn begin_snapshot(pool: &Pool) -> StoreResult<Tx> {
     let mut moment = pool.begin_reading().await?;
     if moment.dialect() == Dialect::Postgres {
-        // A table is one statement, and may take longer than those of requests.
-        query("SET LOCAL statement_timeout = 0").execute(&mut moment).await?;
+        // A table is one statement, and may take longer than those of requests. The server waits while its rows are used.
+        for setting in ["statement_timeout", "idle_in_transaction_session_timeout"] {
+            query(AssertSqlSafe(format!("SET LOCAL {setting} = 0"))).execute(&mut moment).await?;
+        }
     }
     Ok(moment)
 }

@@ -293,6 +293,12 @@ async fn a_check_names_each_damaged_row() {
             code == Some(0) && told.contains("NOTE") && told.contains("receipts.key: the key that signed"),
             "{told}"
         );
+        // Nor is a key that came after it.
+        let later = folder.path().join("copy.db.secrets");
+        std::fs::create_dir(&later).unwrap();
+        std::fs::write(later.join("receipts.key"), "ab".repeat(32)).unwrap();
+        let (code, told) = of_copy();
+        assert!(code == Some(0) && told.contains("it is another key than"), "{told}");
         let mut bytes = std::fs::read(&copy).unwrap();
         let name = bytes.windows(7).position(|bytes| bytes == b"checked").unwrap();
         bytes[name] = b'C';
@@ -305,6 +311,7 @@ async fn a_check_names_each_damaged_row() {
     let first =
         async |sql: &'static str| -> String { plumbline::store::db::query_scalar(sql).fetch_one(&pool).await.unwrap() };
     let submission = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1").await;
+    let second = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 1").await;
     let other = first("SELECT id FROM submissions ORDER BY task_number DESC LIMIT 1").await;
     let allow = plumbline::store::db::Each {
         sqlite: "DROP TRIGGER receipts_stand",
@@ -316,6 +323,9 @@ async fn a_check_names_each_damaged_row() {
          WHERE id = (SELECT id FROM submissions ORDER BY task_number LIMIT 1)",
         "UPDATE reports SET body = CAST(log_hash AS BLOB) FROM submissions s WHERE s.id = reports.submission_id
          AND s.id = (SELECT id FROM submissions ORDER BY task_number DESC LIMIT 1)",
+        "UPDATE reports SET body = (SELECT body FROM reports r JOIN submissions s ON s.id = r.submission_id
+                                    ORDER BY task_number LIMIT 1)
+         WHERE submission_id = (SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 1)",
         "UPDATE receipts SET signature = (SELECT signature FROM receipts WHERE seq = 1) WHERE seq = 3",
     ] {
         let damage = if crate::support::database::is_postgres() {
@@ -328,15 +338,16 @@ async fn a_check_names_each_damaged_row() {
     let (code, told) = check();
     assert_eq!(code, Some(1), "{told}");
     let damaged: Vec<&str> = told.lines().filter(|line| line.starts_with("DAMAGED")).collect();
-    assert_eq!(damaged.len(), 3, "{told}");
+    assert_eq!(damaged.len(), 4, "{told}");
     for (place, why) in [
         (format!("submissions {submission}: "), "another SHA-256"),
         (format!("reports {other}: "), ""),
+        (format!("reports {second}: "), "other scores"),
         ("receipts 3: ".to_owned(), "signature"),
     ] {
         assert!(damaged.iter().any(|line| line.contains(&place) && line.contains(why)), "{place}: {told}");
     }
-    assert!(told.contains("3 faults"), "{told}");
+    assert!(told.contains("4 faults"), "{told}");
     // An export says at which row it stops.
     let refused = plumbline("export", &folder.path().join("lines"), &database);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();
