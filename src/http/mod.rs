@@ -70,7 +70,7 @@ pub fn fronts(HttpParts { app, metrics, rates, role }: HttpParts, has_admin_list
         event_feed,
         reveals: quick_cache::sync::Cache::new(REVEALS),
         bodies: Arc::new(extract::body::budget()),
-        free_json: Arc::new(extract::body::grown_budget()),
+        free_json: extract::room::GrowingRoom::default(),
         documents: extract::conditional::Documents::default(),
         in_flight: Arc::default(),
         event_streams: PermitPool::new(limits.event_streams, limits.event_streams_per_sender),

@@ -10,6 +10,7 @@ use tokio::sync::Semaphore;
 use super::accounts::event_feed::EventFeed;
 use super::extract::conditional::Documents;
 use super::extract::idempotency::InFlight;
+use super::extract::room::GrowingRoom;
 use super::middleware::queries::Parameterless;
 use super::middleware::rates::Rates;
 use crate::app::App;
@@ -43,7 +44,7 @@ pub struct Shared {
     /// Memory budget for request bodies.
     pub bodies: Arc<Semaphore>,
     /// Memory budget for what free JSON grows into.
-    pub free_json: Arc<Semaphore>,
+    pub free_json: GrowingRoom,
     /// Requests with an `Idempotency-Key` that are in progress.
     pub in_flight: Arc<InFlight>,
     /// Cache of documents.

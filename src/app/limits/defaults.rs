@@ -26,6 +26,7 @@ pub const LIMITS: Limits = Limits {
     // Some 100 MB.
     free_json_values: 2_000_000,
     free_json_in_memory_bytes: 512 << 20,
+    free_json_in_memory_bytes_per_sender: 128 << 20,
     free_json_member_values: 1_000_000,
     task_chars: 200,
     suite_chars: 100,

@@ -21,6 +21,8 @@ pub struct Limits {
     /// Bytes of memory for the values of such bodies, of all requests that are read or wait for grading at the same time;
     /// others wait.
     pub free_json_in_memory_bytes: usize,
+    /// The same for the requests of one sender: the owner of a key, or an address.
+    pub free_json_in_memory_bytes_per_sender: usize,
     /// Values in metadata, in a card, in a task that a request brings, and in a label as text.
     pub free_json_member_values: usize,
     /// Characters in the identifier of a task.

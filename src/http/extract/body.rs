@@ -13,7 +13,6 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::app::body::free::memory_of;
 use crate::app::body::{self, read_body};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
@@ -26,36 +25,7 @@ use plumbline_engine::text::{did_you_mean, reworded};
 /// Byte order mark that a UTF-8 text may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// Number of bytes that one permit of the shared memory budget stands for.
-const PERMIT_BYTES: usize = 64 << 10;
-
-/// Creates the shared memory budget for what free JSON grows into.
-#[must_use]
-pub fn grown_budget() -> Semaphore {
-    Semaphore::new(LIMITS.free_json_in_memory_bytes / PERMIT_BYTES)
-}
-
-/// Waits for memory for what a body of free JSON grows into. The share is to be held while its values are in memory.
-///
-/// # Errors
-/// Returns an error if the service fails.
-pub async fn room_to_grow(body: &JsonBody, budget: &Arc<Semaphore>) -> AppResult<Option<OwnedSemaphorePermit>> {
-    /// Bytes that are looked through sooner than on another thread.
-    const SHORT: usize = 64 << 10;
-    let text = body.bytes.clone();
-    let bytes = if text.len() <= SHORT {
-        memory_of(&text)
-    } else {
-        let counted = tokio::task::spawn_blocking(move || memory_of(&text)).await;
-        counted.map_err(|error| AppError::internal(&error))?
-    };
-    let permits = bytes / PERMIT_BYTES;
-    let permits = u32::try_from(permits).expect("the memory of a body is bounded");
-    if permits == 0 {
-        return Ok(None);
-    }
-    let room = Arc::clone(budget).acquire_many_owned(permits).await;
-    Ok(Some(room.expect("the budget is never closed")))
-}
+pub(super) const PERMIT_BYTES: usize = 64 << 10;
 
 /// Creates the shared memory budget for request bodies.
 #[must_use]

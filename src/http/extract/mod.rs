@@ -6,3 +6,4 @@ pub mod conditional;
 pub mod idempotency;
 pub mod origin;
 pub mod params;
+pub mod room;

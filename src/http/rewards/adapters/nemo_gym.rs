@@ -5,11 +5,15 @@
 //! `reward_scheme` name the task, at the top level or under `verifier_metadata`, `task_data` or `verification_input`.
 //! The response to a flat request repeats the request.
 
+use std::time::Instant;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
+use serde::Deserialize;
 use serde::de::DeserializeSeed as _;
+use serde_json::value::RawValue;
 use serde_json::{Map, Value, json};
 
 use super::add_misspelt;
@@ -18,9 +22,9 @@ use crate::app::access::Caller;
 use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::judge::judge;
-use crate::app::rewards::scheme::SchemeBody;
+use crate::app::rewards::scheme::{SchemeBody, scheme_named};
 use crate::app::submissions::posted::TaskRef;
-use crate::http::extract::body::{JsonBody, room_to_grow};
+use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::checks::Criterion;
@@ -79,11 +83,31 @@ pub struct SessionRequest {
 }
 
 impl SessionRequest {
-    /// Reads the member from a body, which may be empty. An identifier that is not text counts as absent.
+    /// Reads the member from a body, which may be empty, and keeps nothing else of it. An identifier that is not text
+    /// counts as absent.
     fn read(text: &[u8]) -> AppResult<Self> {
-        let request = if text.is_empty() { Map::new() } else { object(text)? };
-        let id = request.get("resources_session_id").and_then(Value::as_str);
-        Ok(Self { resources_session_id: id.map(str::to_owned) })
+        #[derive(Deserialize)]
+        struct Members<'a> {
+            #[serde(borrow)]
+            resources_session_id: Option<&'a RawValue>,
+        }
+        let mut faults = Faults::new();
+        if !text.is_empty() && !text.trim_ascii_start().starts_with(b"{") {
+            faults.add("expected an object");
+            return Err(AppError::faulty(faults));
+        }
+        let read =
+            if text.is_empty() { Ok(Members { resources_session_id: None }) } else { serde_json::from_slice(text) };
+        match read {
+            Ok(Members { resources_session_id: id }) => {
+                let id = id.and_then(|id| serde_json::from_str(id.get()).ok());
+                Ok(Self { resources_session_id: id })
+            }
+            Err(error) => {
+                faults.add(why_not_json(text, &error));
+                Err(AppError::malformed(faults))
+            }
+        }
     }
 }
 
@@ -167,9 +191,9 @@ pub async fn reverify_mode() -> Json<&'static str> {
 )]
 pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
     caller.require(Scope::Grade)?;
-    let who = caller.who();
+    let (begun, who) = (Instant::now(), caller.who());
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let _room = room_to_grow(&body, &state.free_json).await?;
+    let _room = state.free_json.wait_for(&body, who, begun).await?;
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
@@ -255,22 +279,28 @@ fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
     // A dataset may have a member of this name for something else, which is no text.
     let profile = find("profile").filter(Value::is_string);
     // Labels for other frameworks call it `scheme`, or `reward`, which as a number at the top level is the reward of an
-    // earlier response.
-    let is_scheme = |value: &&Value| value.is_string() || value.get("weights").is_some();
-    let named = |key: &'static str| {
-        let mut places = parts.iter().map(|(_, own)| *own).chain([request]);
-        places.find_map(|object| object.get(key).filter(is_scheme).cloned()).map(|scheme| (key, scheme))
+    // earlier response. Beside `reward_scheme` a text of that name that is no scheme is the data set's own.
+    let own = find("reward_scheme").map(|scheme| ("", "reward_scheme", scheme));
+    let is_scheme = |value: &Value| match value {
+        Value::String(name) => own.is_none() || scheme_named(name).is_some(),
+        value => value.get("weights").is_some(),
     };
-    let own = find("reward_scheme").map(|scheme| ("reward_scheme", scheme));
-    let schemes: Vec<(&str, Value)> =
-        own.into_iter().chain(["scheme", "reward"].into_iter().filter_map(named)).collect();
-    if let Some((first, scheme)) = schemes.first()
-        && let Some((other, _)) = schemes.iter().find(|(_, other)| other != scheme)
+    let named = |key: &'static str| {
+        let mut places = parts.iter().copied().chain([("", request)]);
+        places.find_map(|(place, object)| Some((place, key, object.get(key).filter(|value| is_scheme(value))?.clone())))
+    };
+    let others: Vec<(&str, &str, Value)> = ["scheme", "reward"].into_iter().filter_map(named).collect();
+    let schemes: Vec<(&str, &str, Value)> = own.into_iter().chain(others).collect();
+    if let Some((_, first, scheme)) = schemes.first()
+        && let Some((place, other, _)) = schemes.iter().find(|(_, _, other)| other != scheme)
     {
+        if !place.is_empty() {
+            faults.enter_key(place);
+        }
         faults.add_at(other, format!("another scheme than that of {first}; give one"));
         return Err(AppError::faulty(faults));
     }
-    let scheme = schemes.into_iter().next().map(|(_, scheme)| scheme);
+    let scheme = schemes.into_iter().next().map(|(_, _, scheme)| scheme);
     let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
     Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
 }

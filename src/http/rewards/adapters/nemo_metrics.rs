@@ -4,6 +4,7 @@
 //! with an underscore. Rows with the same `_ng_task_index` form a group. Rows with `mask_sample` are left out.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
 
 use axum::Json;
 use axum::extract::State;
@@ -55,8 +56,9 @@ pub async fn aggregate_metrics(
 ) -> AppResult<Json<AggregateMetrics>> {
     caller.require(Scope::Grade)?;
     let place = state.grader.admit_batch(caller.who())?;
+    let room = state.free_json.wait_for(&body, caller.who(), Instant::now()).await?;
     let work = tokio::task::spawn_blocking(move || {
-        let _permit = place;
+        let _held = (place, room);
         let request = object(&body.bytes)?;
         let Some(rows) = request.get("verify_responses").and_then(Value::as_array) else {
             let mut faults = Faults::new();

@@ -23,7 +23,7 @@ use crate::app::limits::LIMITS;
 use crate::app::rewards::in_time::graded_in_time;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::score::GradeBody;
-use crate::http::extract::body::{JsonBody, read_json, room_to_grow};
+use crate::http::extract::body::{JsonBody, read_json};
 use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
@@ -134,7 +134,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
-    let _room = room_to_grow(&body, &state.free_json).await?;
+    let _room = state.free_json.wait_for(&body, who, begun).await?;
     let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
     let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
     // The trainer sends each sample by itself, all of a step at once, and gives up after a few refusals.
