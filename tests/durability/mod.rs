@@ -20,3 +20,4 @@ mod scene;
 mod soak;
 mod store_model;
 mod upgrade;
+mod webhooks_across_nodes;

@@ -7,6 +7,7 @@ pub mod cluster;
 pub mod commands;
 pub mod database;
 pub mod disk;
+pub mod endpoint;
 pub mod epoch;
 pub mod line;
 pub mod nodes;
