@@ -129,6 +129,7 @@ class Events:
             reopening.opens()
             try:
                 for line in self._client._lines("GET", "/v1/events", None, reader.headers(), params):
+                    reopening.hears()
                     if (event := reader.read(line)) is not None:
                         yield event
                         if submission is not None or (run is not None and event.submission is None):
