@@ -88,11 +88,11 @@ impl Store {
         }
         let why = format!("grading was begun {MAX_ATTEMPTS} times and never ended");
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::GraderError };
-        let has_ended = end.record(&mut tx, &*self.signer()?, &why, &suite_id, now_ms).await?;
-        tx.notify(Notice::Ended { changes_board: has_ended }).await?;
+        let has_run_ended = end.record(&mut tx, &*self.signer()?, &why, &suite_id, now_ms).await?;
+        tx.notify(Notice::Ended { changes_board: has_run_ended }).await?;
         commit(tx, "claim (given up)").await?;
         tracing::error!(submission = submission_id, why, "a submission ended as grader_error");
-        self.note_ends(has_ended);
+        self.note_ends(has_run_ended);
         Ok(())
     }
 
@@ -160,10 +160,10 @@ impl Store {
         }
         let end = End { submission_id, run_id: run_id.as_deref(), state: SubmissionState::Cancelled };
         // The job is gone, so a result that a worker still brings back does not count.
-        let has_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
-        tx.notify(Notice::Ended { changes_board: has_ended }).await?;
+        let has_run_ended = end.record(&mut tx, &*self.signer()?, "cancelled by its owner", &suite_id, now_ms).await?;
+        tx.notify(Notice::Ended { changes_board: has_run_ended }).await?;
         commit(tx, "cancel").await?;
-        self.note_ends(has_ended);
+        self.note_ends(has_run_ended);
         Ok(true)
     }
 
@@ -193,23 +193,24 @@ impl Store {
         Ok(Some(before))
     }
 
-    /// Ends a submission without a report, if this attempt still holds the job.
+    /// Ends a submission without a report, if this attempt still holds the job. Returns whether it does.
     ///
     /// # Errors
     /// Returns an error if the database fails.
-    pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<()> {
+    pub async fn fail(&self, claim: &Claim, state: SubmissionState, why: &str, now_ms: i64) -> StoreResult<bool> {
         let mut tx = self.begin().await?;
-        let mut has_ended = false;
+        let mut has_run_ended = false;
         let epoch = claim.hidden.as_ref().map(|hidden| hidden.epoch_id.as_str());
         tx.lock(locks_of(claim.run_id.as_deref(), claim.owner.as_deref(), epoch)).await?;
-        if attempt_in(&mut tx, &claim.submission_id).await? == Some(claim.attempt) {
+        let is_held = attempt_in(&mut tx, &claim.submission_id).await? == Some(claim.attempt);
+        if is_held {
             let end = End { submission_id: &claim.submission_id, run_id: claim.run_id.as_deref(), state };
-            has_ended = end.record(&mut tx, &*self.signer()?, why, &claim.suite_id, now_ms).await?;
-            tx.notify(Notice::Ended { changes_board: has_ended }).await?;
+            has_run_ended = end.record(&mut tx, &*self.signer()?, why, &claim.suite_id, now_ms).await?;
+            tx.notify(Notice::Ended { changes_board: has_run_ended }).await?;
         }
         commit(tx, "fail").await?;
-        self.note_ends(has_ended);
-        Ok(())
+        self.note_ends(has_run_ended);
+        Ok(is_held)
     }
 }
 

@@ -264,9 +264,11 @@ impl Worker {
     }
 
     async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
-        self.count_error();
-        self.record(Outcome::Failed(claim, why)).await?;
-        tracing::error!(submission = claim.submission_id, why, "a submission ended as grader_error");
+        // Another attempt may hold the job, and grade it.
+        if self.record(Outcome::Failed(claim, why)).await? > 0 {
+            self.count_error();
+            tracing::error!(submission = claim.submission_id, why, "a submission ended as grader_error");
+        }
         Ok(())
     }
 

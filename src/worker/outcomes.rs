@@ -29,7 +29,7 @@ pub(super) enum Outcome<'a> {
 
 impl Worker {
     /// Records an outcome, and tries again until it succeeds or the worker is asked to stop. Returns the number of
-    /// reports that were stored.
+    /// submissions that ended by it.
     pub(super) async fn record(&self, mut outcome: Outcome<'_>) -> StoreResult<usize> {
         let begun = Instant::now();
         let mut pause = FIRST_PAUSE;
@@ -49,7 +49,7 @@ impl Worker {
         match outcome {
             Outcome::Graded(graded) => self.store.record(graded, now_ms()).await,
             Outcome::Failed(claim, why) => {
-                self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await.map(|()| 0)
+                self.store.fail(claim, SubmissionState::GraderError, why, now_ms()).await.map(usize::from)
             }
             Outcome::GivenBack(claim, attempt_counts) => self.store.give_back(claim, *attempt_counts).await.map(|()| 0),
         }
