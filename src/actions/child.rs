@@ -35,8 +35,8 @@ pub const TAG_BYTES: usize = 16;
 /// # Errors
 /// Returns an error if the process cannot be confined, or its input is not a job.
 pub fn run(limits: &ActionLimits) -> anyhow::Result<ExitCode> {
-    // Runs scripts before any process is confined: libraries set themselves up at first use, with system calls that are
-    // then forbidden. What is made here, such as the table of blocks, need not be made for each script.
+    // Runs scripts before any process is confined: libraries initialise on first use, with system calls that
+    // confinement forbids. State built here, such as the table of blocks, need not be rebuilt for each script.
     let prepared = || Prepared::new(limits).map_err(|error| anyhow::anyhow!(error.message));
     published::run("skills.wait(bot, 1); new Date(0).getHours()", limits, &PeakMemory::unknown());
     let first = Job::of_code(Profile::Mindcraft, "await skills.placeBlock(bot, 'stone', 0, 0, 0);".to_owned());
@@ -76,7 +76,7 @@ fn is_wanted() -> anyhow::Result<bool> {
 }
 
 fn run_script(limits: &ActionLimits, prepared: Prepared) -> anyhow::Result<ExitCode> {
-    // How scripts ended is told by the process that made this one, and messages of libraries are not for its pipe.
+    // The parent process reports how a script ended. Messages that libraries print must not reach its pipe.
     rustix::stdio::dup2_stderr(std::fs::OpenOptions::new().write(true).open("/dev/null")?)?;
     let peak = PeakMemory::of_this_process();
     confine(limits)?;
@@ -87,7 +87,7 @@ fn run_script(limits: &ActionLimits, prepared: Prepared) -> anyhow::Result<ExitC
     let mut job = vec![0; u32::from_le_bytes(length) as usize];
     input.read_exact(&mut job)?;
     let order: Order = serde_json::from_slice(&job)?;
-    // What a script makes of the objects that it is given may break an assumption of ours; that is its own doing.
+    // A script may modify the objects that it is given and so break an assumption of ours; the fault is the script's.
     let replayed = catch_unwind(AssertUnwindSafe(|| replay(&order.job, &order.limits, &peak, prepared)));
     let mut answer = replayed.unwrap_or_else(|_| Answer::crashed());
     answer.cpu_ms = cpu_ms();

@@ -1,5 +1,5 @@
-//! Results of scripts that ran out of processor time: whoever sends one again soon, as a trainer does whose request took
-//! too long, need not wait as long again.
+//! Results of scripts that ran out of processor time. A trainer whose request took too long sends the script again, and
+//! need not wait as long the second time.
 
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,10 @@
-//! Action code, which agents write for the mindcraft framework, run against stand-ins that record what it places and
-//! removes (`docs/rules.md#formats`).
+//! Action code, which agents write for the mindcraft framework: runs it, and records what it places and removes
+//! (`docs/rules.md#formats`).
 //!
-//! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`).
-//! Those that make such processes are kept ready (`replayer`, `pool`). `sandbox` is the engine there. What code finds and what becomes
-//! of its calls is the matter of a profile: `published` records them as the published pipeline does, `mindcraft`
-//! carries them out in a world.
+//! The code is not trusted. It runs in a process of its own (`child`), which the operating system confines (`confine`)
+//! and in which `sandbox` limits the JavaScript engine. `replayer` processes fork one for each script, and `pool` keeps
+//! them ready. The profile decides what code can call and what a call does: `published` records calls as the published
+//! pipeline does, `mindcraft` carries them out in a world.
 
 pub mod child;
 mod compared;

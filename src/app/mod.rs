@@ -1,6 +1,6 @@
 //! Use cases: one function for each thing that the service does, whoever calls it.
 //!
-//! The API, pages, adapters, workers and commands call the same functions. A use case authorizes, validates and
+//! The API, pages, adapters, workers and commands call the same functions. A use case authorises, validates and
 //! decides. It calls the store, and depends on neither axum nor SQL.
 
 pub mod access;

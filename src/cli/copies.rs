@@ -70,7 +70,7 @@ pub fn back_up(args: &CopyArgs) -> anyhow::Result<ExitCode> {
         bail!("there is no receipts.key in {}: name the folder of the keys with --secrets", kept.folder().display());
     }
     let checksums = checksums_of(&args.file);
-    // One without its backup is left of a backup that is no more, and would belie the new one.
+    // A checksum file without its backup belongs to a deleted backup, and would contradict the new one.
     if checksums.exists() && !args.file.exists() {
         std::fs::remove_file(&checksums).with_context(|| checksums.display().to_string())?;
     }
@@ -271,7 +271,7 @@ fn copy_checked(from: &Path, to: &Path) -> anyhow::Result<Contents> {
     let made = run(copy(from, &partial))?.with_context(|| format!("{} to {}", from.display(), to.display()));
     let made = made.and_then(|()| run(inspect(&partial))?.with_context(|| partial.display().to_string()));
     if made.is_err() {
-        // What is not whole would only be in the way; that it cannot be deleted is not the fault to tell.
+        // An incomplete copy would only be in the way. If deleting it fails, the first error is the one to report.
         let _ = std::fs::remove_file(&partial);
     }
     let contents = made?;

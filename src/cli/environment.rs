@@ -1,5 +1,5 @@
-//! Environment variables: those that are empty count as not set, and those that nothing reads are told, because a misspelt
-//! option would be ignored without a word.
+//! Environment variables. Empty ones count as unset. Those that nothing reads are reported, because a misspelt option
+//! would otherwise be ignored silently.
 
 use std::ffi::OsStr;
 

@@ -215,7 +215,7 @@ async fn create(store: &Store, new: &CreateArgs) -> anyhow::Result<()> {
     let key = EpochKey::new(random_key()?);
     let strata = Generator::new()?.strata(&key, new.per_instance);
     let (pool, root) = if beacon.is_some() {
-        // A pool like it must be possible: what cannot be drawn would show only after the round.
+        // Draws a trial pool: a family that cannot be drawn would otherwise be noticed only after the round.
         let trial = EpochKey::new(random_key()?);
         PoolFile::draw(GENERATOR_VERSION, &trial, new.per_instance, &|| ())?;
         // Its specifications, and the held-out family among them, are known only after the round.

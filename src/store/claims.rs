@@ -102,7 +102,7 @@ impl Store {
         );
         select.push_list(taken.iter().map(|(id, _)| id.as_str()));
         let rows = select.build().fetch_all(&mut tx).await?;
-        // Last, because the row of a lane is the same for all: who waits with it lets all others wait.
+        // Last, because all claims of a lane write this row: whoever waits while holding it blocks all others.
         note_taken(&mut tx, lane, last_turn).await?;
         commit(tx, "claim").await?;
         let attempts: HashMap<String, i64> = taken.into_iter().collect();

@@ -1,9 +1,10 @@
-//! What of an open epoch's receipts enters the public log at a full minute, so that its growth tells nothing.
+//! Selects the receipts of an open epoch that enter the public log at a full minute, so that the log's growth reveals
+//! nothing.
 //!
-//! How many entries, draws, answers and completions there are is public. How long a grading takes is not, and it could
-//! tell what was built. So each answer brings two places in the log: its own, and one for a grade or a failure. A grade
-//! that is not there yet leaves its place to padding. The completion of an entry brings as many places as the entry has
-//! answers, so that all its grades are in the log by then.
+//! The numbers of entries, draws, answers and completions are public. The duration of a grading is not, because it
+//! could reveal what was built. Each answer therefore takes two places in the log: its own, and one for a grade or a
+//! failure. Padding fills the second place if the grade is not ready. Completing an entry takes as many places as the
+//! entry has answers, so that all its grades are in the log by then.
 
 use super::db::{Tx, query_scalar};
 use super::epochs::epoch_in;

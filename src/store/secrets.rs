@@ -196,7 +196,7 @@ impl Secrets {
             if let Some(pool) = kept.filter(|pool| root_of(key, &pool.specifications) == root) {
                 return Ok(Some(pool));
             }
-            // A damaged file must not have the pool drawn again at each start. It is not lost: key and round give it.
+            // Without this, a damaged file would make each start draw the pool again. Key and round reproduce the pool.
             let path = self.file(&name);
             std::fs::remove_file(&path).map_err(|error| failed(&path, &error))?;
         }

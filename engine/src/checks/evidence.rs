@@ -187,8 +187,8 @@ fn cut(value: &mut Value) -> bool {
         Value::Array(items) => {
             let is_long = items.len() > MAX_ITEMS;
             if is_long {
-                // A copy instead of the list made smaller where it is: what is left of thousands of long lists would
-                // keep an allocator from using their space again.
+                // Copies the first items instead of truncating the list in place: the remains of thousands of long
+                // lists would keep an allocator from reusing their memory.
                 *items = items.drain(..).take(MAX_ITEMS).collect();
             }
             items.iter_mut().fold(is_long, |is_cut, item| cut(item) | is_cut)

@@ -173,7 +173,8 @@ macro_rules! catalogue {
     };
 }
 
-/// Common interface of rules that can be stopped and rules that cannot.
+/// How the catalogue evaluates a rule. Every [`Rule`] has it. A rule with a long computation does not implement
+/// [`Rule`], but has an implementation below, so that the subject's control can stop it.
 trait Evaluate {
     fn run(&self, subject: &Subject<'_>) -> Result<Finding, Stopped>;
 }

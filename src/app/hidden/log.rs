@@ -82,8 +82,8 @@ async fn hashes(app: &App, after: i64, limit: i64) -> AppResult<Vec<Hash>> {
     Ok(read?)
 }
 
-/// Looks for damage to the stored log, and tells the operator of it. `/readyz` shows it from then on. What the receipts
-/// say is not looked at: whoever verifies them does that.
+/// Looks for damage to the stored log and reports it to the operator; `/readyz` shows it from then on. Does not examine
+/// what the receipts state: verifiers do that.
 ///
 /// # Errors
 /// Returns an error if the database fails.

@@ -1,5 +1,5 @@
-//! Time of a request for a reward: what it waits for ends before the request does, so that the answer says what that means
-//! for the reward.
+//! Time limits within a request for a reward: its work ends before the request itself times out, so that the response
+//! can say what that means for the reward.
 
 use std::time::{Duration, Instant};
 

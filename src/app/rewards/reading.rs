@@ -1,5 +1,5 @@
-//! Reads requests to grade: in one pass those that trainers' programs write, and with care all others, with all their
-//! faults.
+//! Reads requests to grade: in one quick pass if they look as trainers' programs write them, otherwise thoroughly, with
+//! all their faults.
 
 use super::named_task::NamedTask;
 use super::request::{DEADLINES, GradeRequest, NewGrade, detail_named};
@@ -24,8 +24,8 @@ pub fn read_request(text: &[u8], faults: &mut Faults) -> Result<Option<GradeRequ
     Ok(body.and_then(|body| GradeRequest::of(body, faults)))
 }
 
-/// Reads a request with the turns of a log for a task of a suite. Returns `None` for whatever else a request may be, and
-/// for one with a fault, which is then read again with care.
+/// Reads a request that has the turns of a log for a task of a suite. Returns `None` for any other request, and for one
+/// with a fault; the caller then reads it again thoroughly.
 pub fn quick_request(text: &[u8]) -> Option<NewGrade> {
     let mut body = NewGrade {
         task: None,

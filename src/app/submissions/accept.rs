@@ -68,8 +68,8 @@ pub async fn accept(
     accept_replayed(app, caller, body, format, once, Vec::new()).await
 }
 
-/// Accepts as [`accept`] does. `told` is what code told that was run before, by an episode, and of which the body has the
-/// events.
+/// Accepts a body as [`accept`] does. Its action code has already run, in an episode: the body has the resulting
+/// events, and `replays` has the results of the code.
 ///
 /// # Errors
 /// Returns the same errors as [`accept`].

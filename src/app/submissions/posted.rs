@@ -1,4 +1,4 @@
-//! Parser of submissions in a body, JSON or NDJSON, which reports all faults at once.
+//! Bodies of submissions: their parser, JSON or NDJSON, references to tasks, and the check of a log against its task.
 
 use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;

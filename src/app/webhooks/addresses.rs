@@ -32,7 +32,7 @@ const fn is_public_v4(address: Ipv4Addr) -> bool {
         || a >= 240)
 }
 
-/// Of the addresses that are global unicast, those that lead to an address of version 4 inside are as public as it is.
+/// Returns whether an IPv6 address is public: it is global unicast, and an IPv4 address that it embeds is public too.
 fn is_public_v6(address: Ipv6Addr) -> bool {
     let segments = address.segments();
     if let Some(inner) = address.to_ipv4_mapped() {

@@ -45,8 +45,8 @@ struct PublicOnly;
 impl Resolve for PublicOnly {
     fn resolve(&self, name: Name) -> Resolving {
         Box::pin(async move {
-            // A name that is unknown and one of a private network are told in the same words, or the names of the
-            // network could be found out by trying.
+            // Unknown names and names of a private network get the same error. Otherwise, an owner could find out the
+            // names of that network by trying.
             let found = tokio::net::lookup_host((name.as_str(), 0)).await.ok().into_iter().flatten();
             let public: Vec<SocketAddr> = found.filter(|address| is_public(address.ip())).collect();
             if public.is_empty() {

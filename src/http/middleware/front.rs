@@ -98,9 +98,9 @@ impl Front {
     /// Answers errors in the form that the request asks for: a page for browsers, and otherwise a problem document.
     async fn respond(&self, request: Request) -> Response {
         let wants_page = error_page::is_asked_for(&request);
-        let is_for_reward = unrewarded::is_door(request.uri().path());
+        let is_for_reward = unrewarded::is_reward_request(request.uri().path());
         let response = self.admit(request).await;
-        let response = if is_for_reward { unrewarded::marked(response).await } else { response };
+        let response = if is_for_reward { unrewarded::with_null_reward(response).await } else { response };
         if wants_page { error_page::as_page(response).await } else { response }
     }
 

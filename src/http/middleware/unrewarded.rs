@@ -1,5 +1,5 @@
-//! Refusals of requests for a reward that are not the sender's fault: they say that they are no reward, also where no
-//! handler was reached, as when the database is away.
+//! Adds `"reward": null` to refusals of reward requests that are not the sender's fault, even if no handler was
+//! reached, for example while the database is unreachable.
 
 use axum::body::{Body, to_bytes};
 use axum::http::{StatusCode, header};
@@ -7,19 +7,19 @@ use axum::response::Response;
 
 use crate::http::problem::PROBLEM_JSON;
 
-/// Ends of the paths of requests for a reward.
-const DOORS: [&str; 5] = ["/v1/grade", "/v1/grade:structure", "/v1/grade:batch", "/verify", "/get_reward"];
+/// Ends of the paths of requests for a reward. A new adapter belongs here, and into `GRADING` in `role.rs`.
+const REWARD_PATHS: [&str; 5] = ["/v1/grade", "/v1/grade:structure", "/v1/grade:batch", "/verify", "/get_reward"];
 
 /// Greatest size of a problem document, in bytes.
 const MAX_PROBLEM_BYTES: usize = 1 << 20;
 
 /// Returns whether a path is that of a request for a reward.
-pub(super) fn is_door(path: &str) -> bool {
-    DOORS.iter().any(|door| path.ends_with(door))
+pub(super) fn is_reward_request(path: &str) -> bool {
+    REWARD_PATHS.iter().any(|end| path.ends_with(end))
 }
 
 /// Adds `"reward": null` to a problem document of ours, or of too much load, that lacks it.
-pub(super) async fn marked(response: Response) -> Response {
+pub(super) async fn with_null_reward(response: Response) -> Response {
     let status = response.status();
     let is_ours =
         status.is_server_error() || [StatusCode::TOO_MANY_REQUESTS, StatusCode::REQUEST_TIMEOUT].contains(&status);

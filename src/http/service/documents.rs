@@ -34,8 +34,8 @@ const PATIENCE: Duration = Duration::from_secs(2);
     )
 )]
 pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
-    // What the process counts is told also while the database is out of reach; what only the database knows is no number
-    // then.
+    // Figures that the process counts itself are served even while the database is unreachable. Figures that only the
+    // database has are NaN then.
     let found = tokio::time::timeout(PATIENCE, backlog(&state)).await;
     if let Ok(Err(error)) = &found {
         tracing::warn!(detail = error.detail(), "the metrics lack what the database knows");

@@ -1,7 +1,7 @@
-//! Connections on which nothing comes any more, and no error either: the server's machine is gone, or something between
-//! forgot the connection.
+//! Silent connections: neither data nor an error arrives, because the server's machine is gone or something in between
+//! dropped the connection.
 //!
-//! The server's own time limits do not help then, and TCP waits a quarter of an hour, or for ever.
+//! The server's own timeouts do not help then, and TCP waits for a quarter of an hour, or forever.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};

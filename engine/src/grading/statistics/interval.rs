@@ -77,7 +77,7 @@ pub fn anytime(passed: u32, of: u32, error: f64) -> Option<Interval> {
     let (pass, fail) = (f64::from(passed), f64::from(of - passed));
     let logarithms = |to: u32| (1..=to).map(|i| f64::from(i).ln()).sum::<f64>();
     let mixture = logarithms(passed) + logarithms(of - passed) - logarithms(of + 1);
-    // Of nothing that happened the probability does not count: 0 times the logarithm of 0.
+    // A count of 0 contributes nothing, whatever the probability: 0 times the logarithm of 0 counts as 0.
     let term = |count: f64, of: f64| if count > 0.0 { count * of.ln() } else { 0.0 };
     let is_possible = |step: u32| {
         let rate = f64::from(step) / f64::from(STEPS);

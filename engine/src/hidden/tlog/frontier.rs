@@ -1,5 +1,5 @@
-//! What whoever follows a log needs to remember of it: the roots of its complete subtrees, one for each binary digit of
-//! its size.
+//! The part of a log that a follower must remember: the roots of its complete subtrees, one for each 1 in the binary
+//! form of its size.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};

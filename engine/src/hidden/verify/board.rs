@@ -111,7 +111,7 @@ pub(super) fn check(reveal: &Reveal, commitment: &Commitment, key: &EpochKey, ke
     }
 }
 
-/// Returns what of a board no time before the end explains.
+/// Describes a claim of a board that was true at no time before the end; `None` if there is none.
 fn contradiction(reveal: &Reveal, commitment: &Commitment, board: &Value, tier: Tier, rows: &[Row]) -> Option<String> {
     let own = || reveal.entries.iter().filter(|entry| entry.tier == tier);
     let is_entered = |row: &Row| {

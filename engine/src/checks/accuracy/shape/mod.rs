@@ -1,5 +1,6 @@
-//! Shape: clusters, surfaces, rooms, doors, exits, symmetry and stairs. `enclosed`, `ways`, `spans` and `vaults` are
-//! our own strict rules for hidden suites (`docs/rules.md#strict-rules`).
+//! Shape: the published rules for clusters, surfaces, rooms, doors, exits, symmetry and stairs, and our own strict
+//! rules in `arch`, `ceilings`, `columns`, `enclosed`, `level`, `spans`, `vaults` and `ways`
+//! (`docs/rules.md#strict-rules`).
 
 pub mod arch;
 pub mod ceilings;
