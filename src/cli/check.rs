@@ -49,6 +49,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
                 last_reason = detail;
             }
         }
+        FoundKind::Noted => println!("NOTE     {place}: {detail}"),
         FoundKind::Missing => {
             missing += 1;
             println!("NOTE     {place}: {detail}");

@@ -170,7 +170,8 @@ async fn read_result(connection: &mut Tx, row: &Row, tasks: &[Task]) -> StoreRes
         agent: row.get("agent")?,
         finished_at_ms: row.get("finished_at_ms")?,
         since_ms: row.get("since_ms")?,
-        summary: serde_json::from_str(summary).map_err(|error| StoreError::corrupt("results", error))?,
+        summary: serde_json::from_str(summary)
+            .map_err(|error| StoreError::corrupt("results", format!("run {run_id}: {error}")))?,
         outcomes,
         run: run_id,
     })

@@ -1,19 +1,20 @@
 //! Check of a whole database: every row is read as the service would read it, and compared with its hashes and
 //! signatures.
 
+mod grades;
+mod keys;
+
 use sha2::{Digest as _, Sha256};
 
 use super::blobs::Blobs;
-use super::db::{Dialect, Pool, Row, Text, Tx, query, query_as, query_scalar};
+use super::db::{Dialect, Pool, Row, Text, Tx, query, query_scalar};
 use super::location::Location;
 use super::secrets::Secrets;
 use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::transfer_tables::{KINDS, Kind};
 use super::{StoreError, StoreResult, receipts, schema, sqlite};
-use plumbline_engine::grading::ProblemScores;
-use plumbline_engine::grading::report::Report;
+use plumbline_engine::grading::Summary;
 use plumbline_engine::hidden::canonical::unhex;
-use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::receipts::{FIRST_LINK, ReceiptFault, ReceiptFile, link, verify, verify_chain};
 use plumbline_engine::tasks::{Task, hex};
 use plumbline_engine::voxel::BlockLog;
@@ -36,6 +37,8 @@ pub enum FoundKind {
     Damaged,
     /// Data cannot be read now, for example because its place cannot be reached.
     Unreached,
+    /// Something that need not be damage, such as reports without receipts.
+    Noted,
     /// A key is elsewhere, for example because a backup was made without keys or before the key changed.
     Missing,
 }
@@ -90,6 +93,8 @@ pub async fn check(
     }
     counts.push(("tasks", check.tasks().await));
     counts.push(("submissions", check.submissions().await));
+    check.summaries("runs", "SELECT id, summary FROM runs WHERE summary IS NOT NULL ORDER BY id").await;
+    check.summaries("results", "SELECT id, summary FROM results ORDER BY id").await;
     counts.push(("reports", check.reports().await));
     counts.push(("regraded", check.regraded().await));
     counts.push(("receipts", check.receipts().await));
@@ -194,48 +199,12 @@ impl Check<'_> {
         .await
     }
 
-    async fn reports(&mut self) -> u64 {
-        let lost = query_scalar(
-            "SELECT id FROM submissions s WHERE state = 'graded'
-             AND NOT EXISTS (SELECT 1 FROM reports r WHERE r.submission_id = s.id) ORDER BY id",
-        );
-        let lost: StoreResult<Vec<String>> = lost.fetch_all(&mut self.moment).await;
-        match lost {
-            Ok(ids) => {
-                for id in ids {
-                    let detail = "it is graded, and its report is missing".to_owned();
-                    (self.tell)(Found::damaged(format!("submissions {id}"), detail));
-                }
-            }
-            Err(error) => (self.tell)(Found::of("submissions".to_owned(), &error)),
-        }
-        self.graded("reports", "SELECT submission_id, body, scores, overall FROM reports ORDER BY submission_id").await
-    }
-
-    async fn regraded(&mut self) -> u64 {
-        self.graded("regraded", "SELECT submission_id, body, scores, overall FROM regraded ORDER BY submission_id")
-            .await
-    }
-
-    /// Compares reports with the scores and the verdict beside them. The columns are the submission, the report, the
-    /// scores and the verdict.
-    async fn graded(&mut self, table: &'static str, sql: &'static str) -> u64 {
-        self.rows(table, sql, async |row, pool, blobs| {
-            let json = blobs.unpack(pool, table, row.get(1)?).await?;
-            let noted: &str = row.get(2)?;
-            let is_passed: bool = row.get(3)?;
-            let read = serde_json::from_slice::<Report>(&json).map(|report| report.scores());
-            let read = read.and_then(|scores| Ok((scores, serde_json::from_str::<ProblemScores>(noted)?)));
-            Ok(match read {
-                Err(error) => Some(error.to_string()),
-                Ok((scores, noted)) if scores != noted => Some("it has other scores than were noted".to_owned()),
-                Ok((scores, _)) if scores.overall() != is_passed => {
-                    Some("its scores say otherwise than its verdict".to_owned())
-                }
-                Ok(_) => None,
-            })
+    /// Reads what finished runs came to.
+    async fn summaries(&mut self, table: &'static str, sql: &'static str) {
+        self.rows(table, sql, async |row, _, _| {
+            Ok(serde_json::from_str::<Summary>(row.get(1)?).err().map(|error| error.to_string()))
         })
-        .await
+        .await;
     }
 
     /// Verifies the hash and the signature of each receipt, and the chain that they form.
@@ -280,55 +249,5 @@ impl Check<'_> {
             Ok(verify(&file, &[&file.public_key]).err().map(|fault| fault.to_string()))
         })
         .await
-    }
-
-    /// Tells which keys are not in the folder of secrets, or are others than they should be.
-    async fn keys(&mut self, secrets: &Secrets) {
-        let commitments = query_as("SELECT id, commitment FROM epochs ORDER BY id").fetch_all(&mut self.moment).await;
-        let commitments: Vec<(String, String)> = commitments.unwrap_or_else(|error| {
-            (self.tell)(Found::of("epochs".to_owned(), &error));
-            Vec::new()
-        });
-        for (id, commitment) in commitments {
-            match serde_json::from_str(&commitment) {
-                Ok(commitment) => self.epoch_key(secrets, &commitment),
-                Err(error) => (self.tell)(Found::damaged(format!("epochs {id}"), error.to_string())),
-            }
-        }
-        let used = query_scalar("SELECT public_key FROM receipts ORDER BY seq DESC LIMIT 1");
-        let used: StoreResult<Option<String>> = used.fetch_optional(&mut self.moment).await;
-        match used {
-            Ok(Some(used)) => self.receipt_key(secrets, &used),
-            Ok(None) => {}
-            Err(error) => (self.tell)(Found::of("receipts".to_owned(), &error)),
-        }
-    }
-
-    fn epoch_key(&mut self, secrets: &Secrets, commitment: &Commitment) {
-        let id = &commitment.epoch;
-        let place = format!("{}/epoch-{id}.json", secrets.folder().display());
-        (self.tell)(match secrets.epoch(commitment, None) {
-            Ok(Some(_)) => return,
-            Ok(None) if !secrets.has_epoch(id) => {
-                Found { kind: FoundKind::Missing, place, detail: format!("the key of epoch {id} is not there") }
-            }
-            Ok(None) => Found::damaged(place, format!("it is damaged, or not the key that epoch {id} is committed to")),
-            Err(error) => Found::unreached(place, &error),
-        });
-    }
-
-    /// Compares the key in the folder of secrets with the public key that verifies the last receipt.
-    fn receipt_key(&mut self, secrets: &Secrets, used: &str) {
-        let place = format!("{}/receipts.key", secrets.folder().display());
-        let missing = |place, detail| Found { kind: FoundKind::Missing, place, detail };
-        (self.tell)(match secrets.has_signer() {
-            Err(error) => Found::unreached(place, &error),
-            Ok(false) => missing(place, format!("the key that signed the last receipt, {used}, is not there")),
-            Ok(true) => match secrets.signer() {
-                Ok(signer) if signer.public_key() == used => return,
-                Ok(_) => missing(place, format!("it is another key than {used}, which signed the last receipt")),
-                Err(error) => Found::damaged(place, error.to_string()),
-            },
-        });
     }
 }

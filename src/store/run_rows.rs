@@ -99,10 +99,10 @@ macro_rules! select_run {
 }
 
 pub(super) fn read_run(row: &Row) -> StoreResult<RunRow> {
-    let summary: Option<&str> = row.get("summary")?;
-    let corrupt = |error: serde_json::Error| StoreError::corrupt("runs", error);
+    let (id, summary): (String, Option<&str>) = (row.get("id")?, row.get("summary")?);
+    let corrupt = |error: serde_json::Error| StoreError::corrupt("runs", format!("{id}: {error}"));
     Ok(RunRow {
-        id: row.get("id")?,
+        id: id.clone(),
         agent: row.get("agent")?,
         suite_id: row.get("suite_id")?,
         metadata: serde_json::from_str(row.get("metadata")?).map_err(corrupt)?,

@@ -312,6 +312,7 @@ async fn a_check_names_each_damaged_row() {
         async |sql: &'static str| -> String { plumbline::store::db::query_scalar(sql).fetch_one(&pool).await.unwrap() };
     let submission = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1").await;
     let second = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 1").await;
+    let third = first("SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 2").await;
     let other = first("SELECT id FROM submissions ORDER BY task_number DESC LIMIT 1").await;
     let allow = plumbline::store::db::Each {
         sqlite: "DROP TRIGGER receipts_stand",
@@ -326,6 +327,9 @@ async fn a_check_names_each_damaged_row() {
         "UPDATE reports SET body = (SELECT body FROM reports r JOIN submissions s ON s.id = r.submission_id
                                     ORDER BY task_number LIMIT 1)
          WHERE submission_id = (SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 1)",
+        "UPDATE reports SET grader = 'another'
+         WHERE submission_id = (SELECT id FROM submissions ORDER BY task_number LIMIT 1 OFFSET 2)",
+        "UPDATE runs SET summary = '{}'",
         "UPDATE receipts SET signature = (SELECT signature FROM receipts WHERE seq = 1) WHERE seq = 3",
     ] {
         let damage = if crate::support::database::is_postgres() {
@@ -338,16 +342,18 @@ async fn a_check_names_each_damaged_row() {
     let (code, told) = check();
     assert_eq!(code, Some(1), "{told}");
     let damaged: Vec<&str> = told.lines().filter(|line| line.starts_with("DAMAGED")).collect();
-    assert_eq!(damaged.len(), 4, "{told}");
+    assert_eq!(damaged.len(), 6, "{told}");
     for (place, why) in [
         (format!("submissions {submission}: "), "another SHA-256"),
         (format!("reports {other}: "), ""),
         (format!("reports {second}: "), "other scores"),
+        (format!("reports {third}: "), "its signed receipt says otherwise: grader"),
+        ("runs ".to_owned(), "missing field"),
         ("receipts 3: ".to_owned(), "signature"),
     ] {
         assert!(damaged.iter().any(|line| line.contains(&place) && line.contains(why)), "{place}: {told}");
     }
-    assert!(told.contains("4 faults"), "{told}");
+    assert!(told.contains("6 faults"), "{told}");
     // An export says at which row it stops.
     let refused = plumbline("export", &folder.path().join("lines"), &database);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();
