@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 import time
 from collections.abc import Iterator
@@ -113,6 +114,12 @@ def test_a_model_of_the_package_can_be_sent_back(client: Client, wall: dict[str,
     stored = client.submissions.log(accepted.id)
     assert client.rewards.grade(task=WALL, log=stored, reward="shaped").reward == 1.0
     assert client.submissions.structure(accepted.id, format="schem")[:2] == b"\x1f\x8b"
+
+
+def test_half_a_character_spoils_no_batch(client: Client, wall: dict[str, Any]) -> None:
+    answer = json.dumps({"turns": wall["turns"]})
+    items = [{"task": WALL, "answer": answer + end} for end in ("", "\nDone \ud83d")]
+    assert [result.reward for result in client.rewards.many(items)] == [1.0, 1.0]
 
 
 def test_faults_are_told_with_their_places(client: Client) -> None:

@@ -61,6 +61,7 @@ mod reader;
 mod rows;
 pub mod schema;
 pub mod stored;
+pub mod surrogates;
 pub mod text;
 pub mod tolerant;
 

@@ -1,5 +1,6 @@
 //! Reads request bodies. The size of each body is limited, and so is the memory for all of them together.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,6 +14,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
+use super::room::PERMIT_BYTES;
 use crate::app::body::{self, read_body};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
@@ -20,12 +22,11 @@ use crate::app::submissions::posted::Format;
 use crate::http::state::AppState;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::not_json::why_not_json;
+use plumbline_engine::intake::surrogates::without_lone_surrogates;
 use plumbline_engine::text::{did_you_mean, reworded};
 
 /// Byte order mark that a UTF-8 text may begin with.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-/// Number of bytes that one permit of the shared memory budget stands for.
-pub(super) const PERMIT_BYTES: usize = 64 << 10;
 
 /// Creates the shared memory budget for request bodies.
 #[must_use]
@@ -59,6 +60,10 @@ impl FromRequest<AppState> for JsonBody {
         let RawBody { bytes, share } = RawBody::read(request, state, format.as_ref().err().cloned()).await?;
         // Some editors write a byte order mark at the beginning of a file, which JSON does not allow.
         let bytes = if bytes.starts_with(BYTE_ORDER_MARK) { bytes.slice(BYTE_ORDER_MARK.len()..) } else { bytes };
+        let bytes = match without_lone_surrogates(&bytes) {
+            Cow::Borrowed(_) => bytes,
+            Cow::Owned(read) => read.into(),
+        };
         Ok(Self { bytes, format: format?, share })
     }
 }

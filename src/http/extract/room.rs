@@ -4,13 +4,16 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
+use bytes::Bytes;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::body::{JsonBody, PERMIT_BYTES};
 use crate::app::body::free::memory_of;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::in_time::graded_in_time;
+
+/// Number of bytes that one permit of a memory budget stands for.
+pub(super) const PERMIT_BYTES: usize = 64 << 10;
 
 /// Memory for the values of free JSON. Requests wait for it, first for a part of what their sender may use, then for a
 /// part of the whole, so that one sender alone does not let all others wait.
@@ -41,10 +44,9 @@ impl GrowingRoom {
     ///
     /// # Errors
     /// Returns 503 if the request, which began at `begun`, would run out of time.
-    pub async fn wait_for(&self, body: &JsonBody, who: &Arc<str>, begun: Instant) -> AppResult<Option<GrowingShare>> {
+    pub async fn wait_for(&self, text: Bytes, who: &Arc<str>, begun: Instant) -> AppResult<Option<GrowingShare>> {
         /// Bytes that are looked through sooner than on another thread.
         const SHORT: usize = 64 << 10;
-        let text = body.bytes.clone();
         let bytes = if text.len() <= SHORT {
             memory_of(&text)
         } else {

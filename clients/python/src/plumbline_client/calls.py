@@ -9,12 +9,13 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from functools import cache
+from json import dumps
 from typing import Any, Literal, Protocol, TypeVar, cast
 from urllib.parse import quote
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import PydanticSerializationError, from_json, to_json
+from pydantic_core import PydanticSerializationError, from_json, to_json, to_jsonable_python
 
 from . import errors
 from .models import Problem
@@ -145,10 +146,16 @@ def given(members: dict[str, Any]) -> dict[str, Any]:
 
 
 def written(value: Any) -> bytes:
-    """Writes a body: plain values, models, identifiers and times. Raises `Unwritable` if it cannot be JSON."""
+    """Writes a body: plain values, models, identifiers and times. Raises `Unwritable` if it cannot be JSON.
+
+    Half of a surrogate pair, as in the text of a model that was cut amid a character, is written as an escape, which the
+    service reads as U+FFFD.
+    """
     try:
         return to_json(value, exclude_none=True, by_alias=True)
     except (PydanticSerializationError, ValueError) as error:
+        if "surrogates not allowed" in str(error):
+            return dumps(to_jsonable_python(value, exclude_none=True, by_alias=True)).encode()
         raise errors.Unwritable(f"the request cannot be written as JSON: {error}") from error
 
 

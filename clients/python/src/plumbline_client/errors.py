@@ -22,7 +22,7 @@ class UnreadableAnswer(PlumblineError):
 
 
 class Unwritable(PlumblineError):
-    """What is to be sent cannot be written as JSON, for example half of a surrogate pair."""
+    """What is to be sent cannot be written as JSON, for example an object of a class of its own."""
 
 
 class ApiError(PlumblineError):
