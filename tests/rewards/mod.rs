@@ -2,6 +2,7 @@
 
 mod forced;
 mod grade;
+mod odd_samples;
 mod structures;
 mod texts;
 mod trainers;

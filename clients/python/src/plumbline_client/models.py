@@ -901,6 +901,10 @@ class Limits(BaseModel):
     Bytes of memory for the values of such bodies, of all requests that are read or wait for grading at the same time;
     others wait.
     """
+    free_json_in_memory_bytes_per_sender: Annotated[int, Field(ge=0)]
+    """
+    The same for the requests of one sender: the owner of a key, or an address.
+    """
     free_json_member_values: Annotated[int, Field(ge=0)]
     """
     Values in metadata, in a card, in a task that a request brings, and in a label as text.
@@ -2732,9 +2736,9 @@ class RewardQuery(BaseModel):
     model_config = ConfigDict(
         populate_by_name=True,
     )
-    query: Annotated[list[str], Field(max_length=10000)]
+    query: Annotated[list[str | None], Field(max_length=10000)]
     """
-    Prompt and answer of each sample.
+    Prompt and answer of each sample; null is an empty answer.
     """
     prompts: Annotated[list[str | None] | None, Field(max_length=10000)] = None
     """
@@ -3379,7 +3383,8 @@ class VerifyAnswer(BaseModel):
     """
     mask_sample: bool
     """
-    Whether to leave the sample out; always false, because a failure of the service is reported as a problem.
+    Whether to leave the sample out, because the generation of the response failed, was cancelled or is not over. A
+    failure of the service is reported as a problem instead.
     """
     reward_components: RewardComponents
     """

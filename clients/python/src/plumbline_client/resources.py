@@ -300,7 +300,7 @@ class Rewards:
         """
         return self._client._call(models.GradeBody, "POST", "/v1/grade:structure", content=file, params={"task": task, "suite": suite, "corner": corner, "reward": reward, "detail": detail}, is_repeatable=True)
 
-    def openrlhf(self, *, query: Sequence[str], labels: Sequence[str | int | Mapping[str, Any]], prompts: Sequence[str | None] | None = None) -> models.Rewards:
+    def openrlhf(self, *, query: Sequence[str | None], labels: Sequence[str | int | Mapping[str, Any]], prompts: Sequence[str | None] | None = None) -> models.Rewards:
         """An answer that cannot be graded has reward 0, and so has a sample whose label names no task; `problems` gives
         the reason. If all labels are wrong, the request is refused. If the service fails to grade one of the
         samples, the whole request fails with a retryable problem, never a reward.

@@ -2,6 +2,7 @@
 
 pub mod nemo_gym;
 pub mod nemo_metrics;
+mod nemo_naming;
 pub mod openrlhf;
 mod prompt;
 

@@ -16,32 +16,31 @@ use serde::de::DeserializeSeed as _;
 use serde_json::value::RawValue;
 use serde_json::{Map, Value, json};
 
-use super::add_misspelt;
+use super::nemo_naming::{Naming, is_told, naming};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::access::Caller;
 use crate::app::body::free::{FreeJson, Room};
 use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
 use crate::app::rewards::judge::judge;
-use crate::app::rewards::scheme::{SchemeBody, scheme_named};
+use crate::app::rewards::scheme::SchemeBody;
 use crate::app::submissions::posted::TaskRef;
 use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
-use plumbline_engine::checks::Criterion;
 use plumbline_engine::grading::reward::RewardComponents;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::voxel::Profile;
 
-/// Members that name the task, its reward scheme and the profile.
-const OPTIONS: [&str; 4] = ["task", "suite", "reward_scheme", "profile"];
 /// Members of a response that the framework reads, next to the members of the request.
 #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
 pub struct VerifyAnswer {
     /// Reward.
     #[schema(minimum = 0, maximum = 1)]
     reward: f64,
-    /// Whether to leave the sample out; always false, because a failure of the service is reported as a problem.
+    /// Whether to leave the sample out, because the generation of the response failed, was cancelled or is not over. A
+    /// failure of the service is reported as a problem instead.
     mask_sample: bool,
     /// Components of the reward.
     reward_components: RewardComponents,
@@ -193,25 +192,28 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let _room = state.free_json.wait_for(&body, who, begun).await?;
+    let _room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
     let reading = tokio::task::spawn_blocking(move || {
         let request = object(&body.bytes)?;
         let (naming, texts) = (naming(&request)?, texts(&request)?);
         AppResult::Ok((request, naming, texts, body.share))
     });
     let (request, naming, texts, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let Naming { members: naming, places } = naming;
     if let Some(suite) = naming.get("suite").and_then(Value::as_str) {
         // Another process may have added it.
         state.find_suite(suite).await?;
     }
+    let places: Vec<(&str, &str)> = places.iter().map(|(inner, outer)| (inner.as_str(), outer.as_str())).collect();
     let graded = judge(&state, who, &state.catalogue(), &naming, texts).await;
-    let graded = graded.map_err(|error| error.named(&[("/reward", "/reward_scheme")]))?;
+    let graded = graded.map_err(|error| error.named(&places))?;
+    let why_none = why_none(&request);
     // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
     // What an earlier response said does not hold for this one.
     answer.retain(|key, _| !is_told(key));
     answer.insert("reward".to_owned(), graded.reward.into());
-    answer.insert("mask_sample".to_owned(), false.into());
+    answer.insert("mask_sample".to_owned(), why_none.is_some().into());
     let components = serde_json::to_value(&graded.components).map_err(|error| AppError::internal(&error))?;
     for (name, value) in components.as_object().into_iter().flatten() {
         answer.insert(format!("reward_{name}"), value.clone());
@@ -221,7 +223,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
         let told = serde_json::to_value(&graded.action_code).map_err(|error| AppError::internal(&error))?;
         answer.insert("action_code".to_owned(), told);
     }
-    if let Some(why) = graded.answer.and_then(|found| found.why) {
+    if let Some(why) = why_none.or_else(|| graded.answer.and_then(|found| found.why)) {
         answer.insert("failure_reason".to_owned(), why.into());
     }
     Ok(Json(Value::Object(answer)))
@@ -244,77 +246,18 @@ pub(super) fn object(text: &[u8]) -> AppResult<Map<String, Value>> {
     }
 }
 
-/// Returns the members that name the task, from the top level or from the objects below it.
-///
-/// # Errors
-/// Returns an error (422) if an option is misspelt.
-fn naming(request: &Map<String, Value>) -> AppResult<Map<String, Value>> {
-    let part = |key: &str| request.get(key).and_then(Value::as_object);
-    let parts: Vec<(&str, &Map<String, Value>)> = ["verifier_metadata", "task_data", "verification_input"]
-        .into_iter()
-        .filter_map(|key| part(key).map(|object| (key, object)))
-        .collect();
-    let find = |key: &str| {
-        let mut places = std::iter::once(request).chain(parts.iter().map(|(_, object)| *object));
-        places.find_map(|object| object.get(key).filter(|value| !value.is_null())).cloned()
-    };
-    let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| find(option).is_none()).collect();
-    let mut faults = Faults::new();
-    // A dataset may have any fields of its own at the top level, so only options that nothing else is near to are checked
-    // for misspellings there.
-    let long: Vec<&str> = missing.iter().copied().filter(|option| option.len() > 6).collect();
-    add_misspelt(request.iter().filter(|(key, _)| !is_own(key)), &long, &mut faults);
-    for (key, object) in &parts {
-        faults.enter_key(key);
-        let has_scheme = ["reward_scheme", "scheme", "reward"].iter().any(|name| object.contains_key(*name));
-        let schemes = ["scheme", "reward"].iter().filter(|_| !has_scheme && missing.contains(&"reward_scheme"));
-        let names: Vec<&str> = missing.iter().chain(schemes).copied().collect();
-        add_misspelt(*object, &names, &mut faults);
-        faults.leave();
+/// Returns why a response is none that a model gave: its generation failed, was cancelled or is not over. What is cut
+/// off because it is too long is `incomplete`, and graded.
+fn why_none(request: &Map<String, Value>) -> Option<String> {
+    let response = request.get("response").or_else(|| request.get("verification_input")?.get("response"))?;
+    let status = response.get("status")?.as_str()?;
+    if !["failed", "cancelled", "in_progress", "queued"].contains(&status) {
+        return None;
     }
-    if !faults.is_empty() {
-        return Err(AppError::faulty(faults));
-    }
-    let task = find("task").or_else(|| part("task_id").and_then(|id| id.get("task_id")).cloned());
-    // A dataset may have a member of this name for something else, which is no text.
-    let profile = find("profile").filter(Value::is_string);
-    // Labels for other frameworks call it `scheme`, or `reward`, which as a number at the top level is the reward of an
-    // earlier response. Beside `reward_scheme` a text of that name that is no scheme is the data set's own.
-    let own = find("reward_scheme").map(|scheme| ("", "reward_scheme", scheme));
-    let is_scheme = |value: &Value| match value {
-        Value::String(name) => own.is_none() || scheme_named(name).is_some(),
-        value => value.get("weights").is_some(),
-    };
-    let named = |key: &'static str| {
-        let mut places = parts.iter().copied().chain([("", request)]);
-        places.find_map(|(place, object)| Some((place, key, object.get(key).filter(|value| is_scheme(value))?.clone())))
-    };
-    let others: Vec<(&str, &str, Value)> = ["scheme", "reward"].into_iter().filter_map(named).collect();
-    let schemes: Vec<(&str, &str, Value)> = own.into_iter().chain(others).collect();
-    if let Some((_, first, scheme)) = schemes.first()
-        && let Some((place, other, _)) = schemes.iter().find(|(_, _, other)| other != scheme)
-    {
-        if !place.is_empty() {
-            faults.enter_key(place);
-        }
-        faults.add_at(other, format!("another scheme than that of {first}; give one"));
-        return Err(AppError::faulty(faults));
-    }
-    let scheme = schemes.into_iter().next().map(|(_, _, scheme)| scheme);
-    let naming = [("task", task), ("suite", find("suite")), ("reward", scheme), ("profile", profile)];
-    Ok(naming.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect())
-}
-
-/// Whether a member may come from an earlier response of this service, which may be sent for verification again.
-fn is_own(key: &str) -> bool {
-    key == "response" || key == "responses_create_params" || is_told(key)
-}
-
-/// Whether a response of this service tells a result in this member.
-fn is_told(key: &str) -> bool {
-    let component = |name: &str| name == "overall" || Criterion::ALL.iter().any(|criterion| criterion.name() == name);
-    matches!(key, "reward_components" | "failure_reason" | "action_code")
-        || key.strip_prefix("reward_").is_some_and(component)
+    let code = response.get("error").and_then(|error| error.get("code")).and_then(Value::as_str);
+    let code = code.map(|code| format!(" ({})", code.chars().take(LIMITS.material_chars).collect::<String>()));
+    let code = code.unwrap_or_default();
+    Some(format!("the model gave no response: its status is {status}{code}, so the sample is to be left out"))
 }
 
 /// Returns the texts of the assistant's messages, in order, from a Responses object or a chat completion.

@@ -29,7 +29,7 @@ use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::text::thinking::{opened_at_the_end, with_opening};
-use plumbline_engine::text::counted;
+use plumbline_engine::text::{agreeing, counted};
 
 /// Members of a label that are read.
 const OPTIONS: [&str; 4] = ["task", "suite", "reward", "profile"];
@@ -40,8 +40,8 @@ const AT_ONCE: usize = 8;
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[schema(example = json!({ "query": ["Raise a wall.{\"events\": []}"], "prompts": ["Raise a wall."], "labels": ["walls/5x1x5-raise"] }))]
 pub struct RewardQuery {
-    /// Prompt and answer of each sample.
-    pub query: Vec<String>,
+    /// Prompt and answer of each sample; null is an empty answer.
+    pub query: Vec<Option<String>>,
     /// Prompt of each sample, which is removed from the query.
     #[serde(default)]
     pub prompts: Option<Vec<Option<String>>>,
@@ -134,7 +134,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
-    let _room = state.free_json.wait_for(&body, who, begun).await?;
+    let _room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
     let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
     let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
     // The trainer sends each sample by itself, all of a step at once, and gives up after a few refusals.
@@ -143,7 +143,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     let _permit = permit.map_err(AppError::without_reward)?;
     let judge_one = async |i: usize| {
         let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
-        let whole = query.query[i].as_str();
+        let whole = query.query[i].as_deref().unwrap_or_default();
         let answer = without_prompt(whole, prompt.unwrap_or_default());
         let is_whole = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
         // Templates of thinking models open the thought in the prompt, and an answer that is cut off never closes it.
@@ -275,10 +275,17 @@ fn answer(judged: Vec<Judged>) -> AppResult<Json<Rewards>> {
                 // Starts from 0.0 because the `sum` of nothing is negative zero.
                 let sum = graded.criteria.iter().fold(0.0, |sum, criterion| sum + criterion.mean);
                 let mean = sum / graded.criteria.len().max(1) as f64;
-                let why = graded.answer.and_then(|answer| answer.why);
+                let (why, empty) = graded.answer.map_or((None, None), |answer| {
+                    let count = answer.empty_turns.len();
+                    let first = answer.empty_turns.into_iter().next();
+                    (
+                        answer.why,
+                        first.map(|first| format!("{} empty: {}", agreeing(count, "turn is", "turns are"), first.why)),
+                    )
+                });
                 let is_readable = why.is_none();
                 let note = if is_whole { NOT_THE_PROMPT } else { "" };
-                let told = why.or_else(|| told_of_code(&graded.action_code));
+                let told = why.or_else(|| told_of_code(&graded.action_code)).or(empty);
                 let problem = told.map(|detail| SampleProblem { index, detail: detail + note, faults: Vec::new() });
                 (graded.reward, f64::from(graded.overall), mean, is_readable, problem)
             }
