@@ -56,7 +56,7 @@ fn options_and_variables_of_examples_exist() {
             .filter(|line| !line.starts_with("caddy"));
         commands.extend(own);
     }
-    assert_eq!(commands.len(), 4, "{commands:?}");
+    assert_eq!(commands.len(), 5, "{commands:?}");
     for command in commands {
         let mut parts = command.split(' ');
         let options = help(parts.next().unwrap());
