@@ -48,7 +48,7 @@ pub fn draw(a: &Standing, b: &Standing) -> Figure {
     }
     let title = "Criteria of both runs";
     let about =
-        "Of the problems that have such a check, the share that passes; for stability and efficiency, the mean score of those with a build."
+        "Of the problems that have such a check, the share that passes; for stability and efficiency, the mean score of those that were graded."
             .to_owned();
     Figure {
         svg: drawing.finish(title, &about),

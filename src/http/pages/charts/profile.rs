@@ -61,7 +61,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
     };
     let title = "Criteria of the best agents";
     let about = "One mark for each agent's best run. Each criterion counts the problems that have such a check: the share of them \
-                 that passes, or for stability and efficiency the mean score of those with a build."
+                 that passes, or for stability and efficiency the mean score of those that were graded."
         .to_owned();
     Some(Figure {
         svg: drawing.finish(title, &about),
