@@ -4,18 +4,18 @@
 
 mod degenerate;
 mod draws;
-mod fair;
 mod gaming;
 mod gauge;
 mod hidden_checks;
 mod panel;
 mod scale;
-mod search;
-mod standing;
+mod smallest_passing;
 mod stress;
 mod stress_plainly;
 mod suite;
 mod verdicts;
+mod version_3;
+mod version_4;
 
 /// A file of the repository.
 fn repository(path: &str) -> std::path::PathBuf {

@@ -14,7 +14,7 @@ pub struct WebhookRow {
     pub owner: String,
     /// Address to which they are posted.
     pub url: String,
-    /// Names of the events by commas; empty for all.
+    /// Names of the events, separated by commas; empty means all.
     pub events: String,
     /// Secret that signs messages.
     pub secret: String,
@@ -43,6 +43,14 @@ from_row!(WebhookRow {
     created_at_ms
 });
 
+impl WebhookRow {
+    /// Returns whether the webhook receives the event with this name.
+    #[must_use]
+    pub fn wants(&self, event: &str) -> bool {
+        self.events.is_empty() || self.events.split(',').any(|own| own == event)
+    }
+}
+
 /// Webhook to store.
 #[derive(Debug, Clone, Copy)]
 pub struct NewWebhook<'a> {
@@ -52,7 +60,7 @@ pub struct NewWebhook<'a> {
     pub owner: &'a str,
     /// Address to which they are posted.
     pub url: &'a str,
-    /// Names of the events by commas; empty for all.
+    /// Names of the events, separated by commas; empty means all.
     pub events: &'a str,
     /// Secret that signs messages.
     pub secret: &'a str,

@@ -11,6 +11,7 @@ use crate::intake::not_json::on_its_line;
 use crate::intake::{Fault, Faults};
 use crate::tasks::published::read_checks;
 use crate::tasks::{Instruction, Task};
+use crate::text::reworded;
 use crate::voxel::{Cell, Structure};
 
 /// Record of one turn of one problem.
@@ -94,12 +95,20 @@ pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
             continue;
         }
         faults.enter_line(number);
+        // serde takes a list for the members of a record, in their order.
+        if line.trim_start().starts_with('[') {
+            faults.add("expected an object on a line of its own for each turn, found an array");
+            continue;
+        }
         let mut json = serde_json::Deserializer::from_str(line);
         match serde_path_to_error::deserialize::<_, Line>(&mut json) {
             Err(error) => {
                 let path = error.path().to_string();
                 let place = if path == "." { String::new() } else { format!("{path}: ") };
-                faults.add(format!("{place}{}", on_its_line(line.as_bytes(), &error.into_inner())));
+                let error = error.into_inner();
+                let why =
+                    if error.is_data() { reworded(&error.to_string()) } else { on_its_line(line.as_bytes(), &error) };
+                faults.add(format!("{place}{why}"));
             }
             Ok(line) => records.extend(record(line, number, &mut faults)),
         }
@@ -111,8 +120,12 @@ fn record(line: Line, number: u64, faults: &mut Faults) -> Option<RawRecord> {
     faults.enter_key("checks");
     let checks = read_checks(&line.checks, faults);
     faults.leave();
-    if line.run_idx == 0 || line.turn_idx == 0 || line.turn_idx > line.n_turns {
-        faults.add(format!("run_idx {} or turn_idx {} of {} is invalid", line.run_idx, line.turn_idx, line.n_turns));
+    if line.run_idx == 0 {
+        faults.add_at("run_idx", "problems are numbered from 1");
+    }
+    if line.turn_idx == 0 || line.turn_idx > line.n_turns {
+        let (turn, turns) = (line.turn_idx, line.n_turns);
+        faults.add_at("turn_idx", format!("there is no turn {turn} of {turns}; turns are numbered from 1"));
     }
     faults.enter_key("coords");
     for (i, block) in line.coords.iter().enumerate() {

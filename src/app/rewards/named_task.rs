@@ -163,8 +163,8 @@ fn reading_of(object: &Map<String, Value>, faults: &mut Faults) -> Reading {
 fn inline_task(object: &Map<String, Value>, faults: &mut Faults) -> Task {
     refuse_others(object, &OF_TASK, faults);
     let id = text_of(object, "id", faults).unwrap_or("inline/task");
-    if id.len() > 200 {
-        faults.add_at("id", "longer than 200 bytes");
+    if id.chars().count() > LIMITS.task_chars {
+        faults.add_at("id", format!("longer than {} characters", LIMITS.task_chars));
     }
     let reading = reading_of(object, faults);
     let mut turns = Vec::new();

@@ -9,12 +9,11 @@ use reqwest::dns::{Addrs, Name, Resolve, Resolving};
 use reqwest::redirect::Policy;
 use reqwest::{Client, StatusCode, header};
 use tokio::task::JoinSet;
-use uuid::Uuid;
 
 use super::WebhookSettings;
 use super::addresses::is_public;
 use super::body::check_url;
-use super::message::{message_of, name_of, signatures};
+use super::message::{message_of, name_of, new_message_id, signatures};
 use crate::app::App;
 use crate::app::limits::LIMITS;
 use crate::clock::steady::steady_now_ms;
@@ -168,13 +167,12 @@ impl Rounds {
             let events = app.store.events_of_owner(&webhook.owner, after, end, room).await?;
             let is_whole = (events.len() as i64) < room;
             let seen = if is_whole { end } else { events.last().map_or(end, |last| last.id) };
-            let is_chosen = |name: &str| webhook.events.is_empty() || webhook.events.split(',').any(|own| own == name);
             let new: Vec<NewDelivery> = events
                 .iter()
                 .map(|row| (row, name_of(row)))
-                .filter(|(_, name)| is_chosen(name))
+                .filter(|(_, name)| webhook.wants(name))
                 .map(|(row, event)| NewDelivery {
-                    id: format!("msg_{}", Uuid::now_v7().simple()),
+                    id: new_message_id(),
                     event_id: Some(row.id),
                     event,
                     body: message_of(app, row),

@@ -3,7 +3,7 @@
 use uuid::Uuid;
 
 use super::body::{NewWebhookBody, WebhookChangeBody, check_url, names_of};
-use super::message::{TEST, new_secret, test_message};
+use super::message::{TEST, new_message_id, new_secret, test_message};
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
@@ -124,12 +124,7 @@ pub async fn try_out(app: &App, caller: &Caller, id: &str) -> AppResult<Delivery
         return Err(AppError::conflict("too-many-deliveries", detail));
     }
     let now = now_ms();
-    let new = NewDelivery {
-        id: format!("msg_{}", Uuid::now_v7().simple()),
-        event_id: None,
-        event: TEST.to_owned(),
-        body: test_message(id, now),
-    };
+    let new = NewDelivery { id: new_message_id(), event_id: None, event: TEST.to_owned(), body: test_message(id, now) };
     app.store.enter_test_delivery(id, &new, now).await?;
     app.store.ends().notify_waiters();
     delivery(app, id, &new.id).await

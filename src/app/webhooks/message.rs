@@ -5,6 +5,7 @@ use base64::prelude::BASE64_STANDARD;
 use hmac::{Hmac, KeyInit as _, Mac as _};
 use serde::{Deserialize, Serialize};
 use sha2::Sha256;
+use uuid::Uuid;
 
 use crate::app::App;
 use crate::app::accounts::events::EventBody;
@@ -73,6 +74,12 @@ struct Message<'a, T> {
     name: &'a str,
     timestamp: String,
     data: T,
+}
+
+/// Creates the identifier of a message, which is the same in every attempt to deliver it.
+#[must_use]
+pub fn new_message_id() -> String {
+    format!("msg_{}", Uuid::now_v7().simple())
 }
 
 /// Returns the name of a stored event.

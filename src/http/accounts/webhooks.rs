@@ -48,8 +48,7 @@ pub struct WebhookList {
 
 impl From<WebhookRow> for WebhookBody {
     fn from(row: WebhookRow) -> Self {
-        let is_chosen =
-            |event: &WebhookEvent| row.events.is_empty() || row.events.split(',').any(|own| own == event.name());
+        let is_chosen = |event: &WebhookEvent| row.wants(event.name());
         Self {
             events: WebhookEvent::ALL.into_iter().filter(is_chosen).collect(),
             id: row.id,

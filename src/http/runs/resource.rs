@@ -18,7 +18,7 @@ use crate::http::extract::body::{JsonBody, read_draft};
 use crate::http::extract::idempotency;
 use crate::http::extract::params::{Params, SoundParams};
 use crate::http::state::AppState;
-use crate::http::submissions::schema::SubmissionBody;
+use crate::http::submissions::body::SubmissionBody;
 use crate::store::embargoes::Embargo;
 use crate::store::keys::Scope;
 use crate::store::run_rows::RunRow;

@@ -5,7 +5,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 
-use super::schema::{AcceptedAnswer, AcceptedBody, AcceptedList, Validated, ValidatedList};
+use super::body::{AcceptedAnswer, AcceptedBody, AcceptedList, Validated, ValidatedList};
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
 use crate::app::submissions::accept::{Acceptance, accept, validate};

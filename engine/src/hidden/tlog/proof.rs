@@ -28,7 +28,8 @@ pub fn is_included(leaf: &Hash, index: u64, size: u64, proof: &[Hash], root: &Ha
 }
 
 /// Returns whether a proof shows that the tree of `size` leaves with root `new_root` begins with the tree of the first
-/// `old` leaves with root `old_root`.
+/// `old` leaves with root `old_root`. The service needs no such proofs, because witnesses read tiles; programs that use
+/// the engine as a library may.
 #[must_use]
 pub fn is_consistent(old: u64, size: u64, old_root: &Hash, new_root: &Hash, proof: &[Hash]) -> bool {
     if old == 0 || old >= size {

@@ -90,7 +90,7 @@ impl Tree {
     }
 
     /// Returns the proof that the tree of the first `size` leaves begins with that of the first `old`; `None` if it has
-    /// fewer.
+    /// fewer. The service needs no such proofs; see [`is_consistent`](super::proof::is_consistent).
     #[must_use]
     pub fn consistency(&self, old: u64, size: u64) -> Option<Vec<Hash>> {
         if old > size || size > self.len() {

@@ -69,7 +69,7 @@ pub(super) fn naming(request: &Map<String, Value>) -> AppResult<Naming> {
     // A dataset may have a member of this name for something else, which is no text.
     let profiles = all("profile").into_iter().filter(|member| member.value.is_string()).collect();
     let mut naming = Naming { members: Map::new(), places: Vec::new() };
-    for (name, given) in [("task", tasks), ("suite", all("suite")), ("reward", schemes(&all)), ("profile", profiles)] {
+    for (name, given) in [("task", tasks), ("suite", all("suite")), ("reward", schemes(all)), ("profile", profiles)] {
         add_conflict(&given, &mut faults);
         if let Some(first) = given.into_iter().next() {
             naming.places.push((format!("/{name}"), first.pointer()));

@@ -2,7 +2,7 @@
 //! the good one. Starts are the good build, its smaller siblings, and random cheap shapes; from what passes, blocks are
 //! left out while it still passes.
 //!
-//! `cargo test --package plumbline-engine --test engine search:: -- --nocapture` prints the table in `tasks/README.md`.
+//! `cargo test --package plumbline-engine --test engine smallest_passing:: -- --nocapture` prints the table in `tasks/README.md`.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

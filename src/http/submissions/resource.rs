@@ -3,11 +3,10 @@
 use axum::Json;
 use axum::extract::{Path, State};
 
-use super::schema::SubmissionBody;
+use super::body::SubmissionBody;
 use crate::app::access::Caller;
 use crate::app::error::AppResult;
 use crate::app::submissions::cancel::cancel;
-pub use crate::app::submissions::read::stored;
 use crate::app::submissions::read::{SubmissionStatus, status};
 use crate::http::state::AppState;
 
