@@ -1,6 +1,5 @@
 //! The database file as it was opened: whether it is still where it was.
 
-use std::collections::HashSet;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +13,8 @@ pub struct OpenedFile {
     /// The file itself, beside which SQLite keeps its log.
     real: PathBuf,
     identity: Identity,
+    /// Its log and the index of the log, which SQLite keeps beside it while it is open.
+    logs: Vec<(&'static str, Identity)>,
 }
 
 /// What tells a file from another that takes its place: the device and the inode.
@@ -26,7 +27,9 @@ impl OpenedFile {
         // Opening the file once more, to ask its handle, would release SQLite's locks when it is closed.
         let identity = identity(path).filter(|first| identity(path) == Some(*first))?;
         let real = std::fs::canonicalize(path).ok()?;
-        Some(Self { path: path.to_owned(), real, identity })
+        let beside = ["-wal", "-shm"].into_iter();
+        let logs = beside.filter_map(|ending| Some((ending, self::identity(&beside_of(&real, ending))?))).collect();
+        Some(Self { path: path.to_owned(), real, identity, logs })
     }
 
     /// Checks that the file is where it was.
@@ -41,25 +44,23 @@ impl OpenedFile {
     }
 
     /// Sets the log of the file aside if another file took its place, which would be damaged by it at the next start.
-    /// Returns the new names. A log that this process does not have open belongs to that other file, and stays.
+    /// Returns the new names. A log that is not the one of the opening belongs to that other file, and stays.
     ///
     /// # Errors
     /// Returns an error if the log cannot be renamed.
     pub fn set_log_aside(&self) -> std::io::Result<Vec<PathBuf>> {
-        let beside = |ending: &str| PathBuf::from(format!("{}{ending}", self.real.display()));
         let mut set_aside = Vec::new();
         if identity(&self.real).is_none_or(|now| now == self.identity) {
             return Ok(set_aside);
         }
-        let opened = opened_by_this_process()?;
-        for ending in ["-wal", "-shm"] {
-            let log = beside(ending);
-            if identity(&log).is_none_or(|identity| !opened.contains(&identity)) {
+        for (ending, own) in &self.logs {
+            let log = beside_of(&self.real, ending);
+            if identity(&log) != Some(*own) {
                 continue;
             }
             let mut names = (1_u32..).map(|number| match number {
-                1 => beside(&format!("{ending}.lost")),
-                _ => beside(&format!("{ending}.lost-{number}")),
+                1 => beside_of(&self.real, &format!("{ending}.lost")),
+                _ => beside_of(&self.real, &format!("{ending}.lost-{number}")),
             });
             // What was set aside before may be all that is left of it.
             let free = names.find(|name| !name.exists()).expect("a folder is finite");
@@ -74,8 +75,7 @@ fn identity(path: &Path) -> Option<Identity> {
     std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
 }
 
-/// Returns the files that this process has open.
-fn opened_by_this_process() -> std::io::Result<HashSet<Identity>> {
-    let descriptors = std::fs::read_dir("/proc/self/fd")?;
-    Ok(descriptors.filter_map(|descriptor| identity(&descriptor.ok()?.path())).collect())
+/// Returns the path beside a file whose name has this ending.
+fn beside_of(file: &Path, ending: &str) -> PathBuf {
+    PathBuf::from(format!("{}{ending}", file.display()))
 }
