@@ -220,6 +220,13 @@ impl AppError {
         self
     }
 
+    /// Creates the failure for a request that depends on a clock that has just jumped.
+    #[must_use]
+    pub fn clock_in_doubt() -> Self {
+        let detail = "the service's clock has jumped and is not believed yet; send the request again";
+        Self::new(Kind::NotReady, detail).retry_after(60)
+    }
+
     /// Replaces prefixes of pointers: internal names by the names that the caller uses.
     #[must_use]
     pub fn named(mut self, names: &[(&str, &str)]) -> Self {

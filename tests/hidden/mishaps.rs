@@ -4,7 +4,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::support::epoch::{Scene, run, said};
+use crate::support::epoch::{Scene, answer_to, id, run, said};
 use reqwest::StatusCode;
 use serde_json::json;
 
@@ -81,7 +81,10 @@ async fn an_epoch_without_its_key_waits_for_it() {
 async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     let scene = Scene::new(&[]);
     let lab = scene.key("lab");
-    let entry = scene.register(&lab, "dev", 1).await;
+    let entry = scene.register(&lab, "dev", 2).await;
+    let drawn = scene.draw(&lab, &entry, 2).await;
+    let at = |i: usize| format!("/v1/instances/{}/answer", id(&drawn[i]));
+    let episode = id(&scene.made(&lab, "/v1/episodes", &json!({ "instance": id(&drawn[1]) })).await).to_owned();
     // A time server is wrong by a thousand years, for longer than several looks of the service.
     scene.jump_clock(1_000 * 365 * 24 * 3_600_000);
     let said = |text: &str| scene.service.said.lock().unwrap().iter().any(|line| line.contains(text));
@@ -93,6 +96,19 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     let late = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &json!({ "run": 1, "nonce": NONCE })).await;
     assert_eq!(late.status, StatusCode::SERVICE_UNAVAILABLE, "{}", late.text);
     assert_eq!(late.headers["retry-after"], "60");
+    let pool = scene.pool();
+    for (path, body) in [
+        (at(0), answer_to(&drawn[0], &pool, false)),
+        (format!("/v1/episodes/{episode}/steps"), json!({ "events": [] })),
+        (format!("/v1/episodes/{episode}/submit"), json!({})),
+    ] {
+        let late = scene.post(&lab, &path, &body).await;
+        assert_eq!(late.status, StatusCode::SERVICE_UNAVAILABLE, "{path}: {}", late.text);
+    }
+    // One that is behind is no reason to call an entry finalized.
+    scene.jump_clock(-365 * 24 * 3_600_000);
+    let early = scene.post(&lab, &at(0), &answer_to(&drawn[0], &pool, false)).await;
+    assert!(early.status.is_success() || early.status == StatusCode::SERVICE_UNAVAILABLE, "{}", early.text);
     scene.jump_clock(0);
     scene.service.wait_for("/v1/epochs/autumn", |epoch| epoch["state"] == "open" && said("jumped back")).await;
     scene.draw(&lab, &entry, 1).await;

@@ -12,6 +12,7 @@ use crate::app::hidden::instances::{instance, instance_to_act_on};
 use crate::app::limits::LIMITS;
 use crate::app::submissions::posted::most_blocks;
 use crate::clock::now_ms;
+use crate::clock::steady::is_doubted;
 use crate::store::episodes::{Attempt, EpisodeRow, pack, unpack};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
@@ -177,6 +178,7 @@ impl Episode {
         let over = |why: &str| Err(AppError::conflict("episode-over", why));
         match self.state() {
             EpisodeState::Submitted => return over("the episode was submitted; open another one"),
+            EpisodeState::Expired if is_doubted() => return Err(AppError::clock_in_doubt()),
             EpisodeState::Expired => return over("the episode has expired; open another one"),
             EpisodeState::Open if self.row.submitting_at_ms.is_some() => {
                 return over("the episode is being submitted; if that was interrupted, submit it again");

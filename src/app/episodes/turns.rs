@@ -15,6 +15,7 @@ use crate::app::hidden::instances::{AcceptedAnswer, answer_replayed};
 use crate::app::submissions::accept::accept_replayed;
 use crate::app::submissions::posted::Format;
 use crate::clock::now_ms;
+use crate::clock::steady::is_doubted;
 use crate::store::episodes::Attempt;
 use crate::store::idempotency::IdempotencyKey;
 use plumbline_engine::intake::Faults;
@@ -88,7 +89,8 @@ pub async fn submit(
         return Ok(Submitted::Submission(submission));
     }
     if episode.state() == EpisodeState::Expired && episode.row.submitting_at_ms.is_none() {
-        return Err(AppError::conflict("episode-over", "the episode has expired; open another one"));
+        let expired = AppError::conflict("episode-over", "the episode has expired; open another one");
+        return Err(if is_doubted() { AppError::clock_in_doubt() } else { expired });
     }
     if !app.store.close_episode(id, episode.row.step, now_ms()).await? {
         return Err(AppError::conflict(

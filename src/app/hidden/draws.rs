@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::body::NewDrawBody;
 use super::draw::decide_draw;
 use super::entries::entrants_entry;
-use super::epochs::{clock_in_doubt, not_open, secret_of, stored_epoch};
+use super::epochs::{not_open, secret_of, stored_epoch};
 use super::instances::{IssuedInstance, with_prompts};
 use super::siblings::siblings;
 use crate::app::App;
@@ -83,7 +83,7 @@ pub async fn draw_run(
     let epoch = stored_epoch(app, &entry.epoch_id).await?;
     // What is drawn expires by this clock, and shares that ended by it are given to others.
     if is_doubted() {
-        return Err(clock_in_doubt());
+        return Err(AppError::clock_in_doubt());
     }
     let now = now_ms();
     let secret = secret_of(&app.store, &epoch).await?;

@@ -4,7 +4,7 @@ use serde_json::Value;
 use uuid::Uuid;
 
 use super::body::NewEntryBody;
-use super::epochs::{clock_in_doubt, not_open, stored_epoch};
+use super::epochs::{not_open, stored_epoch};
 use super::receipts::given;
 use super::registration::decide_registration;
 use crate::app::App;
@@ -78,7 +78,7 @@ pub async fn register_entry(
         return Err(AppError::faulty(faults));
     };
     if is_doubted() {
-        return Err(clock_in_doubt());
+        return Err(AppError::clock_in_doubt());
     }
     let id = Uuid::now_v7().to_string();
     let new = NewEntry {

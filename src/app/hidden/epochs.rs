@@ -77,19 +77,13 @@ pub(super) async fn stored_epoch(app: &App, id: &str) -> AppResult<EpochRow> {
 pub(super) fn not_open(epoch: &EpochRow) -> AppError {
     let detail = match &epoch.closed {
         Some((_, reason)) => format!("the epoch is closed: {reason}"),
-        None if is_doubted() => return clock_in_doubt(),
+        None if is_doubted() => return AppError::clock_in_doubt(),
         None if epoch.is_over(now_ms()) => {
             format!("the epoch closed at {}", rfc3339(epoch.commitment.closes_at_ms))
         }
         None => format!("the epoch opens at {}", rfc3339(epoch.commitment.opens_at_ms)),
     };
     AppError::conflict("epoch-not-open", detail)
-}
-
-/// Creates the failure for a request that depends on a clock that has just jumped.
-pub(super) fn clock_in_doubt() -> AppError {
-    let detail = "the service's clock has jumped and is not believed yet; send the request again";
-    AppError::new(Kind::NotReady, detail).retry_after(60)
 }
 
 /// Returns the secret that an epoch draws from.

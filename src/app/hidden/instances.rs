@@ -7,7 +7,7 @@ use uuid::Uuid;
 use super::acceptance::decide_answer;
 use super::answer::{PostedAnswer, read_answer};
 use super::entries::{require_entrant, require_owner};
-use super::epochs::{clock_in_doubt, not_open, stored_epoch};
+use super::epochs::{not_open, stored_epoch};
 use super::receipts::given;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
@@ -236,15 +236,20 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
         AnswerRefusal::OtherLog => {
             AppError::conflict("already-answered", "the instance was already answered, with another log")
         }
-        AnswerRefusal::Expired if is_doubted() => clock_in_doubt(),
+        AnswerRefusal::Expired if is_doubted() => AppError::clock_in_doubt(),
         AnswerRefusal::Expired => {
             let detail = format!("the instance expired at {}", rfc3339(instance.expires_at_ms));
             AppError::conflict("expired", detail)
         }
         AnswerRefusal::Closed => {
             let epoch = stored_epoch(app, &instance.epoch_id).await?;
-            let is_over = epoch.is_over(now_ms());
-            if is_over { not_open(&epoch) } else { AppError::conflict("finalized", "the entry is finalized") }
+            let entry = app.store.entry(&instance.entry_id).await?;
+            let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
+            if is_finalized && !epoch.is_over(now_ms()) {
+                AppError::conflict("finalized", "the entry is finalized")
+            } else {
+                not_open(&epoch)
+            }
         }
         AnswerRefusal::QuotaUsedUp => {
             let detail = "the quota is used up; GET /v1/quota lists what it was used for";
