@@ -120,6 +120,8 @@ def test_half_a_character_spoils_no_batch(client: Client, wall: dict[str, Any]) 
     answer = json.dumps({"turns": wall["turns"]})
     items = [{"task": WALL, "answer": answer + end} for end in ("", "\nDone \ud83d")]
     assert [result.reward for result in client.rewards.many(items)] == [1.0, 1.0]
+    with pytest.raises(errors.Unwritable):
+        client.rewards.grade(task=WALL, answer="\ud83d", reward={"weights": object()})
 
 
 def test_faults_are_told_with_their_places(client: Client) -> None:

@@ -152,10 +152,13 @@ def written(value: Any) -> bytes:
     service reads as U+FFFD.
     """
     try:
-        return to_json(value, exclude_none=True, by_alias=True)
-    except (PydanticSerializationError, ValueError) as error:
-        if "surrogates not allowed" in str(error):
+        try:
+            return to_json(value, exclude_none=True, by_alias=True)
+        except (PydanticSerializationError, ValueError) as error:
+            if "surrogates not allowed" not in str(error):
+                raise
             return dumps(to_jsonable_python(value, exclude_none=True, by_alias=True)).encode()
+    except (PydanticSerializationError, TypeError, ValueError) as error:
         raise errors.Unwritable(f"the request cannot be written as JSON: {error}") from error
 
 
