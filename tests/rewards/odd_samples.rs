@@ -53,6 +53,11 @@ async fn a_sample_without_a_text_spoils_no_other() {
         service.post_json("/get_reward", &json!({ "query": [WALL, null], "labels": [TASK, TASK] })).await.json();
     assert_eq!(rewarded["rewards"], json!([1.0, 0.0]), "{rewarded}");
     assert_eq!(rewarded["problems"][0]["index"], 1, "{rewarded}");
+    // A label that is JSON as text may hold half a character of its own.
+    let label = json!({ "task": TASK, "note": "HALF" }).to_string();
+    let sent = json!({ "query": [WALL], "labels": [label.replace("HALF", "\\ud83d")] });
+    let told = service.post_json("/get_reward", &sent).await.json();
+    assert_eq!(told["rewards"], json!([1.0]), "{told}");
     // A label that names a task of several turns shows.
     let several = json!({ "query": [WALL], "labels": ["growing-houses/annex"] });
     let told = service.post_json("/get_reward", &several).await.json()["problems"][0]["detail"].to_string();
@@ -69,6 +74,10 @@ async fn a_generation_that_failed_is_left_out() {
     for (status, is_left_out) in [("failed", true), ("cancelled", true), ("in_progress", true), ("incomplete", false)] {
         let told = service.post_json("/verify", &response(status)).await.json();
         assert_eq!((&told["reward"], &told["mask_sample"]), (&json!(0.0), &json!(is_left_out)), "{told}");
+        let mut without_output = response(status);
+        without_output["response"]["output"] = Value::Null;
+        let answer = service.post_json("/verify", &without_output).await;
+        assert_eq!(answer.status == StatusCode::OK, is_left_out, "{}", answer.text);
         let why = told["failure_reason"].as_str().unwrap();
         assert_eq!(why.contains(&format!("its status is {status} (server_error)")), is_left_out, "{why}");
     }
@@ -94,6 +103,8 @@ async fn members_that_contradict_each_other_are_named_where_they_stand() {
         let refused = service.post_json("/verify", &sent(top, below.clone())).await;
         assert_eq!(refused.faults(422), [format!("null {pointer}")], "{below}");
     }
+    let both = sent(json!({ "task": 113 }), json!({ "task": TASK }));
+    assert_eq!(service.post_json("/verify", &both).await.status, StatusCode::OK, "a number and an id of one task");
     // What is said twice in the same way, and texts of the data set that name no scheme, are fine.
     let below = json!({ "task": TASK, "profile": "mindcraft", "scheme": "https", "reward": "binary" });
     let graded = service.post_json("/verify", &sent(json!({ "reward_scheme": "strict" }), below)).await;

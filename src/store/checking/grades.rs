@@ -54,7 +54,7 @@ impl Check<'_> {
             )
             .await;
         if without_receipt > 0 {
-            let detail = format!("{without_receipt} have no receipt; those that were imported need none");
+            let detail = format!("{without_receipt} have no receipt; those of imports and regrades need none");
             (self.tell)(Found { kind: FoundKind::Noted, place: "reports".to_owned(), detail });
         }
         count

@@ -191,14 +191,17 @@ pub async fn reverify_mode() -> Json<&'static str> {
 pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBody) -> AppResult<Json<Value>> {
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
-    let _permit = state.grader.admit(who).map_err(AppError::without_reward)?;
-    let _room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
+    let permit = state.grader.admit(who).map_err(AppError::without_reward)?;
+    let room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
     let reading = tokio::task::spawn_blocking(move || {
+        // Held until the work ends, also if the sender no longer waits.
+        let held = (permit, room);
         let request = object(&body.bytes)?;
-        let (naming, texts) = (naming(&request)?, texts(&request)?);
-        AppResult::Ok((request, naming, texts, body.share))
+        let (naming, why_none) = (naming(&request)?, why_none(&request));
+        let texts = if why_none.is_some() { vec![String::new()] } else { texts(&request)? };
+        AppResult::Ok((request, naming, texts, why_none, (body.share, held)))
     });
-    let (request, naming, texts, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let (request, naming, texts, why_none, _held) = reading.await.map_err(|error| AppError::internal(&error))??;
     let Naming { members: naming, places } = naming;
     if let Some(suite) = naming.get("suite").and_then(Value::as_str) {
         // Another process may have added it.
@@ -207,7 +210,6 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
     let places: Vec<(&str, &str)> = places.iter().map(|(inner, outer)| (inner.as_str(), outer.as_str())).collect();
     let graded = judge(&state, who, &state.catalogue(), &naming, texts).await;
     let graded = graded.map_err(|error| error.named(&places))?;
-    let why_none = why_none(&request);
     // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };
     // What an earlier response said does not hold for this one.

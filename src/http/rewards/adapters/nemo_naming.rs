@@ -6,6 +6,7 @@ use super::add_misspelt;
 use crate::app::error::{AppError, AppResult};
 use crate::app::rewards::scheme::scheme_named;
 use plumbline_engine::checks::Criterion;
+use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::intake::Faults;
 
 /// Members that name the task, its reward scheme and the profile.
@@ -93,12 +94,21 @@ fn schemes(all: impl Fn(&'static str) -> Vec<Member>) -> Vec<Member> {
     schemes
 }
 
+/// Returns a value as text: a text without its quotes.
+fn plain(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
 /// Adds a fault if members that mean the same differ.
 fn add_conflict(given: &[Member], faults: &mut Faults) {
-    // A number may be written as text.
-    let plain = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    // A number and an id may name the same task, and a number may be written as text.
+    let differ = |one: &Value, other: &Value| match (plain(one).parse::<u32>(), plain(other).parse::<u32>()) {
+        (Ok(one), Ok(other)) => one != other,
+        (Err(_), Err(_)) => canonical_json(one) != canonical_json(other),
+        _ => false,
+    };
     let Some((first, others)) = given.split_first() else { return };
-    if let Some(other) = others.iter().find(|other| plain(&other.value) != plain(&first.value)) {
+    if let Some(other) = others.iter().find(|other| differ(&first.value, &other.value)) {
         if !other.part.is_empty() {
             faults.enter_key(other.part);
         }

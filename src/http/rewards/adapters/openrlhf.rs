@@ -28,6 +28,7 @@ use crate::http::problem::Problem;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::surrogates::without_lone_surrogates;
 use plumbline_engine::intake::text::thinking::{opened_at_the_end, with_opening};
 use plumbline_engine::text::{agreeing, counted};
 
@@ -134,9 +135,9 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
     caller.require(Scope::Grade)?;
     let (begun, who) = (Instant::now(), caller.who());
     let catalogue = state.current_catalogue().await?;
-    let _room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
-    let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, body.share)));
-    let (query, _share) = reading.await.map_err(|error| AppError::internal(&error))??;
+    let room = state.free_json.wait_for(body.bytes.clone(), who, begun).await?;
+    let reading = tokio::task::spawn_blocking(move || read(&body).map(|query| (query, (body.share, room))));
+    let (query, _held) = reading.await.map_err(|error| AppError::internal(&error))??;
     // The trainer sends each sample by itself, all of a step at once, and gives up after a few refusals.
     let is_small = query.query.len() <= AT_ONCE;
     let permit = if is_small { state.grader.admit(who) } else { state.grader.admit_batch(who) };
@@ -145,7 +146,8 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         let prompt = query.prompts.as_ref().and_then(|prompts| prompts.get(i)?.as_deref());
         let whole = query.query[i].as_deref().unwrap_or_default();
         let answer = without_prompt(whole, prompt.unwrap_or_default());
-        let is_whole = prompt.is_some_and(|prompt| !prompt.is_empty()) && answer.len() == whole.len();
+        let is_whole =
+            prompt.is_some_and(|prompt| !prompt.is_empty()) && !whole.is_empty() && answer.len() == whole.len();
         // Templates of thinking models open the thought in the prompt, and an answer that is cut off never closes it.
         let opened = prompt.and_then(opened_at_the_end).filter(|_| !is_whole).unwrap_or_default();
         let answer = with_opening(opened, answer);
@@ -240,7 +242,8 @@ fn naming(label: &Value) -> AppResult<Map<String, Value>> {
 /// Returns an error (422) if it is too large for a label.
 fn read_label(text: &str) -> AppResult<Option<Value>> {
     let mut room = Room::of_member();
-    let mut document = serde_json::Deserializer::from_str(text);
+    let text = without_lone_surrogates(text.as_bytes());
+    let mut document = serde_json::Deserializer::from_slice(&text);
     let read = FreeJson(&mut room).deserialize(&mut document);
     let read = read.and_then(|value| document.end().map(|()| value)).ok();
     match room.fault() {
