@@ -159,7 +159,7 @@ pub async fn answer_replayed(
     id: &str,
     body: Bytes,
     format: Format,
-    told_before: Vec<TurnReplay>,
+    replays: Vec<TurnReplay>,
 ) -> AppResult<AcceptedAnswer> {
     caller.require(Scope::Submit)?;
     if format == Format::NdJson {
@@ -180,8 +180,8 @@ pub async fn answer_replayed(
         return Err(AppError::faulty(faults));
     }
     let mut action_code = complete_log(app, caller.who(), &mut sent, &mut faults).await?;
-    if !told_before.is_empty() {
-        action_code = told_before;
+    if !replays.is_empty() {
+        action_code = replays;
     }
     let told = (!action_code.is_empty())
         .then(|| serde_json::to_string(&action_code).expect("replays are strings and numbers"));

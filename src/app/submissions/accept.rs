@@ -79,10 +79,10 @@ pub async fn accept_replayed(
     body: Bytes,
     format: Format,
     once: Option<IdempotencyKey>,
-    told: Vec<TurnReplay>,
+    replays: Vec<TurnReplay>,
 ) -> AppResult<Acceptance> {
     caller.require(Scope::Submit)?;
-    let Checked { submissions, lines } = check(app, caller, body, format, told).await?;
+    let Checked { submissions, lines } = check(app, caller, body, format, replays).await?;
     let submissions: Arc<[NewSubmission]> = submissions.into();
     match app.store.accept(Arc::clone(&submissions), once, decide_all, now_ms()).await? {
         Acceptability::Decided(answers) => {
@@ -124,7 +124,13 @@ pub fn key_reused() -> AppError {
 }
 
 /// Reads a body and checks all of it, except for what only the transaction that stores it can decide.
-async fn check(app: &App, caller: &Caller, body: Bytes, format: Format, told: Vec<TurnReplay>) -> AppResult<Checked> {
+async fn check(
+    app: &App,
+    caller: &Caller,
+    body: Bytes,
+    format: Format,
+    replays: Vec<TurnReplay>,
+) -> AppResult<Checked> {
     let read = tokio::task::spawn_blocking(move || {
         let mut faults = Faults::new();
         let posted = read_submissions(&body, format, &mut faults);
@@ -151,9 +157,9 @@ async fn check(app: &App, caller: &Caller, body: Bytes, format: Format, told: Ve
         complete_logs(app, caller.who(), &mut submissions, &mut faults).await?;
     }
     if let [one] = submissions.as_mut_slice()
-        && !told.is_empty()
+        && !replays.is_empty()
     {
-        one.replays = told;
+        one.replays = replays;
     }
     let owner = caller.owner().map(str::to_owned);
     let prepare = tokio::task::spawn_blocking(move || {
