@@ -12,6 +12,7 @@ pub mod environment;
 mod epoch_page;
 pub mod epochs;
 mod evidence;
+pub mod failures;
 mod files;
 pub mod grade;
 pub mod keys;
@@ -76,6 +77,8 @@ pub enum Command {
     Quota(quota::QuotaArgs),
     /// List and disable webhooks of all owners.
     Webhooks(webhooks::WebhooksArgs),
+    /// List submissions that the service failed to grade, and queue them again once the cause is mended.
+    Failures(failures::FailuresArgs),
     /// Regrade a suite's submissions with this program's checks, review what changes, and apply or discard it.
     Regrade(regrade::RegradeArgs),
     /// Announce, list and close epochs of hidden evaluation.
@@ -167,6 +170,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Command::Submit(args) => submit::run(&args),
         Command::Keys(args) => keys::run(&args),
         Command::Quota(args) => quota::run(&args),
+        Command::Failures(args) => failures::run(&args),
         Command::Webhooks(args) => webhooks::run(&args),
         Command::Regrade(args) => regrade::run(&args),
         Command::Epochs(args) => epochs::run(&args),

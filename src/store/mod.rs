@@ -25,6 +25,7 @@ pub mod epochs;
 mod error;
 pub mod events;
 mod evidence;
+pub mod failures;
 mod group_commit;
 pub mod hidden_answers;
 pub mod holdings;

@@ -57,6 +57,13 @@ impl Scene {
         Service::launch(self.command(database, arguments))
     }
 
+    /// Starts the service so that it dies at a crash point.
+    pub(super) fn start_dying(&self, database: &str, at: &str) -> Service {
+        let mut command = self.command(database, &[]);
+        command.env("PLUMBLINE_TEST_KILL", at);
+        Service::launch(command)
+    }
+
     /// Starts the service where it must not start, and gives what it says.
     fn refused(&self, database: &str, arguments: &[&str], environment: &[(&str, String)]) -> String {
         let arguments = [&["serve", "--listen", "127.0.0.1:0", "--open"], arguments].concat();

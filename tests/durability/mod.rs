@@ -8,6 +8,7 @@ mod crash;
 mod crash_faults;
 mod crash_matrix;
 mod each_write;
+mod failures;
 mod faults;
 mod full_disk;
 mod held_lock;

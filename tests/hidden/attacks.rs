@@ -272,10 +272,8 @@ async fn what_is_over_stays_over_whatever_the_clock_says() {
 /// was revealed stays.
 #[tokio::test]
 async fn nothing_is_graded_after_the_reveal() {
-    let mut scene = Scene::new(&[]);
     // A receipt that is in the log by then would tell of the grade that the test takes away.
-    scene.publish_every = 86_400;
-    scene.restart(None);
+    let mut scene = Scene::withholding();
     let lab = scene.key("lab");
     let entry = scene.register(&lab, "official", 1).await;
     let drawn = scene.draw(&lab, &entry, 1).await;
@@ -316,9 +314,7 @@ async fn nothing_is_graded_after_the_reveal() {
 /// holds.
 #[tokio::test]
 async fn a_lost_receipt_key_breaks_no_log() {
-    let mut scene = Scene::new(&[]);
-    scene.publish_every = 86_400;
-    scene.restart(None);
+    let mut scene = Scene::withholding();
     let lab = scene.key("lab");
     let entry = scene.register(&lab, "dev", 1).await;
     let first = scene.service.get("/.well-known/plumbline-receipts.json").await.json()["public_key"].clone();
@@ -370,9 +366,7 @@ async fn a_promise_comes_with_the_first_answer() {
 /// What everybody can see while answers are graded: the log of receipts, metrics, and where others are in the queue.
 #[tokio::test]
 async fn nobody_sees_when_a_hidden_answer_is_graded() {
-    let mut scene = Scene::new(&[]);
-    scene.publish_every = 3_600;
-    scene.restart(None);
+    let mut scene = Scene::withholding();
     let lab = scene.key("lab");
     let entry = scene.register(&lab, "dev", 1).await;
     let drawn = scene.draw(&lab, &entry, 1).await;

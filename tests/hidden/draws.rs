@@ -114,9 +114,7 @@ async fn a_draw_is_checked_before_the_epoch_is_over() {
 /// draw shows both.
 #[tokio::test]
 async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
-    let mut scene = Scene::new(&[]);
-    scene.publish_every = 3_600;
-    scene.restart(None);
+    let scene = Scene::withholding();
     let lab = scene.key("lab");
     let made = run(&["keys", "create", "--name", "operator", "--scopes", "admin"], Some(&scene.file("p.db")));
     let admin = String::from_utf8(made.stdout).unwrap().trim().to_owned();

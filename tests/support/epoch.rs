@@ -62,6 +62,15 @@ impl Scene {
         Self { folder, service, publish_every: 1, options: Vec::new() }
     }
 
+    /// The same, without options, where nothing is told until the test starts the service anew with another
+    /// [`publish_every`](Self::publish_every).
+    pub fn withholding() -> Self {
+        let mut scene = Self::new(&[]);
+        scene.publish_every = 86_400;
+        scene.restart(None);
+        scene
+    }
+
     /// Starts the service in a scene's folder; at a crash point it shall die.
     fn serve(folder: &Path, dies_at: Option<&str>, publish_every: u64, options: &[String]) -> Service {
         let mut command = Command::new(PROGRAM);
