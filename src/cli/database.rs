@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::bail;
 use clap::Args;
@@ -11,7 +12,7 @@ use super::process::block_on;
 use crate::app::signing::refuse_to_begin_anew;
 use crate::store::blobs::BlobPlace;
 use crate::store::location::Location;
-use crate::store::moving::{Moved, move_to};
+use crate::store::moving::{Moved, Purpose, move_to};
 use crate::store::secrets::Secrets;
 use crate::store::{Store, StoreError, schema};
 
@@ -94,8 +95,9 @@ pub struct MigrateArgs {
     /// Create the database if it does not exist.
     #[arg(long)]
     create: bool,
-    /// SQLite file whose rows move into the empty PostgreSQL database given by --to. The service must not run.
-    #[arg(long, value_name = "FILE", requires = "to", conflicts_with_all = ["create", "dry_run"])]
+    /// SQLite file whose rows move into the empty PostgreSQL database given by --to. The service must not run, but may
+    /// with --dry-run, which copies and compares everything and then takes it back.
+    #[arg(long, value_name = "FILE", requires = "to", conflicts_with = "create")]
     from: Option<PathBuf>,
     /// PostgreSQL database that takes the rows of --from.
     #[arg(long, value_name = "URL", requires = "from")]
@@ -108,7 +110,7 @@ pub struct MigrateArgs {
 /// Returns an error if the database does not exist, was written by a newer program, or cannot be copied or changed.
 pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
     if let (Some(from), Some(to)) = (&args.from, &args.to) {
-        return block_on(move_rows(from, to));
+        return block_on(move_rows(from, to, args.dry_run));
     }
     block_on(async {
         let location = &args.database.database;
@@ -146,7 +148,7 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Moves the rows of a file to a server, and says what moved and what is left to do.
-async fn move_rows(from: &Path, to: &Location) -> anyhow::Result<ExitCode> {
+async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Result<ExitCode> {
     if from.to_string_lossy().contains("://") {
         bail!("--from: expected a SQLite file, found a URL; rows move from a file to a server");
     }
@@ -154,8 +156,18 @@ async fn move_rows(from: &Path, to: &Location) -> anyhow::Result<ExitCode> {
         bail!("--from: there is no file {}", from.display());
     }
     let Some(server) = to.server() else { bail!("--to: expected the URL of a PostgreSQL database, found {to}") };
-    for Moved { table, rows, sha256 } in move_to(from, server).await? {
+    let purpose = if is_dry_run { Purpose::Rehearse } else { Purpose::Move };
+    let begun = Instant::now();
+    for Moved { table, rows, sha256 } in move_to(from, server, purpose).await? {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
+    }
+    if is_dry_run {
+        println!(
+            "a move would succeed: every row was copied and compared, and the receipts verify; it took {:.0?}",
+            begun.elapsed()
+        );
+        println!("nothing was moved; {to} has the tables, and no rows");
+        return Ok(ExitCode::SUCCESS);
     }
     let secrets = Location::File(from.to_owned()).default_secrets();
     println!("done: every row is in {to}, and the receipts verify: none is missing, none was changed");

@@ -74,16 +74,25 @@ enum Kind {
     Bytes,
 }
 
+/// Purpose of a move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// The rows stay in the database. No service may use the file meanwhile: what it writes would be missing.
+    Move,
+    /// Everything is done but the commit. A service may go on using the file.
+    Rehearse,
+}
+
 /// Copies all rows of a file into an empty database, in one transaction, and compares both. Either all of it is moved
-/// or nothing. No service may use the file meanwhile: what it writes would be missing.
+/// or nothing. A rehearsal, too, makes the tables in the database if it has none.
 ///
 /// # Errors
 /// Returns an error if the file is not up to date, if the database is not empty, or if the copy differs from the file.
-pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
+pub async fn move_to(file: &Path, server: &Server, purpose: Purpose) -> StoreResult<Vec<Moved>> {
     let from = Location::File(file.to_owned());
-    if Serving::of(file).is_ok_and(|serving| serving.is_shared) {
+    if purpose == Purpose::Move && Serving::of(file).is_ok_and(|serving| serving.is_shared) {
         return Err(StoreError::OnlyFiles(
-            "a service uses the file: stop it first, or what it writes would be missing",
+            "a service uses the file: stop it first, or what it writes would be missing (--dry-run rehearses beside it)",
         ));
     }
     schema::state(&from).await?.must_be_current(&from)?;
@@ -119,17 +128,27 @@ pub async fn move_to(file: &Path, server: &Server) -> StoreResult<Vec<Moved>> {
     query("INSERT INTO agreed (name, value) SELECT 'receipt key', public_key FROM receipts ORDER BY seq DESC LIMIT 1")
         .execute(&mut tx)
         .await?;
-    for table in NUMBERED {
-        let next = format!(
-            "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"
-        );
-        query(AssertSqlSafe(next)).execute(&mut tx).await?;
+    if purpose == Purpose::Move {
+        number_after_rows(&mut tx).await?;
+        tx.commit().await?;
+    } else {
+        drop(tx);
     }
-    tx.commit().await?;
     drop(reading);
     source.close().await;
     target.close().await;
     Ok(moved)
+}
+
+/// Lets PostgreSQL number new rows after those that were moved. No rollback takes that back.
+async fn number_after_rows(tx: &mut Tx) -> StoreResult<()> {
+    for table in NUMBERED {
+        let next = format!(
+            "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"
+        );
+        query(AssertSqlSafe(next)).execute(&mut *tx).await?;
+    }
+    Ok(())
 }
 
 /// Returns the columns that are copied, with their types. Numbers that PostgreSQL gives by itself are left out.

@@ -193,6 +193,8 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
         all
     };
     let expected = answers(&before).await;
+    let rehearsed = succeeded(&plumbline(&["migrate", "--from", &file, "--to", &url, "--dry-run"]));
+    assert!(rehearsed.contains("submissions: 26 rows") && rehearsed.contains("nothing was moved"), "{rehearsed}");
     assert!(before.terminate());
     let moved = succeeded(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(moved.contains("submissions: 26 rows, the same in both"), "{moved}");
