@@ -21,6 +21,13 @@ pub fn steady_now_ms() -> i64 {
     kept().now_ms()
 }
 
+/// Returns the wall clock's time, or where the clock has jumped back and is not believed yet, the later time that was
+/// believed before.
+#[must_use]
+pub fn latest_believable_ms() -> i64 {
+    kept().latest_ms()
+}
+
 /// Returns whether the clock has jumped and is not believed yet.
 #[must_use]
 pub fn is_doubted() -> bool {
@@ -62,6 +69,12 @@ impl SteadyClock {
     fn now_ms(&mut self) -> i64 {
         let wall_ms = wall_ms();
         wall_ms + travelled_ms() - self.doubted_ms(wall_ms, self.begun.elapsed())
+    }
+
+    fn latest_ms(&mut self) -> i64 {
+        let now_ms = self.now_ms();
+        let behind_ms = self.jumped.map_or(0, |(to, _)| (self.believed.0 - to.0).max(0));
+        now_ms + behind_ms
     }
 
     /// Returns how many milliseconds of the wall clock's time are not believed.

@@ -95,8 +95,8 @@ impl Store {
         update.push_list(taken.iter().map(|(id, _)| id.as_str()));
         update.build().execute(&mut tx).await?;
         let mut select = Builder::new(
-            "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, i.id AS instance_id, i.epoch_id, i.salt,
-                    i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END AS task
+            "SELECT s.id, s.run_id, s.suite_id, s.task_number, s.log, s.owner, s.log_hash, s.created_at_ms, i.id AS instance_id, i.epoch_id,
+                    i.salt, i.task_hash, CASE WHEN i.id IS NULL THEN NULL ELSE t.body END AS task
              FROM submissions s LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN tasks t ON t.hash = i.task_hash
              WHERE s.id IN ",
         );
@@ -123,6 +123,7 @@ impl Store {
                     Some(instance_id) => Some(HiddenJob {
                         instance_id,
                         epoch_id: row.get("epoch_id")?,
+                        answered_at_ms: row.get("created_at_ms")?,
                         salt: row.get("salt")?,
                         task_hash: row.get("task_hash")?,
                         task: row.get("task")?,

@@ -66,14 +66,15 @@ pub(super) async fn complete(
     let facts = facts_of(tx, entry_id, now_ms).await?;
     let Some(Completion { released_bits, closes_epoch }) = decide(&facts) else { return Ok(()) };
     let CompletionFacts { entry, epoch, .. } = facts;
+    let finalized_at_ms =
+        entry.finalized_at_ms.ok_or_else(|| StoreError::corrupt("entries", "complete, not finalized"))?;
+    let now_ms = now_ms.max(finalized_at_ms);
     query("UPDATE entries SET completed_at_ms = $2 WHERE id = $1")
         .bind(entry_id)
         .bind(now_ms)
         .execute(&mut *tx)
         .await?;
     settle_quota(tx, entry_id, now_ms).await?;
-    let finalized_at_ms =
-        entry.finalized_at_ms.ok_or_else(|| StoreError::corrupt("entries", "complete, not finalized"))?;
     let completed = CompletedFact { entry: entry_id.to_owned(), finalized_at_ms, completed_at_ms: now_ms };
     witness(tx, signer, epoch.id(), &Fact::Completed(completed)).await?;
     query("UPDATE epochs SET released_bits = released_bits + $2 WHERE id = $1")

@@ -3,7 +3,7 @@
 use super::db::{Tx, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreResult, commit};
-use crate::clock::steady::steady_now_ms;
+use crate::clock::steady::{latest_believable_ms, steady_now_ms};
 
 /// Time for which a key is remembered, in milliseconds.
 pub const KEPT_MS: i64 = 24 * 60 * 60 * 1_000;
@@ -56,6 +56,8 @@ impl IdempotencyKey {
 
     /// Stores the result of the request.
     pub(super) async fn keep(&self, tx: &mut Tx, result: &str, now_ms: i64) -> StoreResult<()> {
+        // A clock that is behind for moments must not have the key forgotten before its time.
+        let now_ms = now_ms.max(latest_believable_ms());
         // The key may have been used more than a day ago.
         query(
             "INSERT INTO idempotency (owner, key, body_hash, result, created_at_ms) VALUES ($1, $2, $3, $4, $5)

@@ -44,6 +44,8 @@ pub struct HiddenJob {
     pub instance_id: String,
     /// Identifier of its epoch.
     pub epoch_id: String,
+    /// Time of the answer, in milliseconds since 1970.
+    pub answered_at_ms: i64,
     /// Salt of its receipt.
     pub salt: String,
     pub(super) task_hash: String,

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::app::grading::{Cores, Unfinished, execute};
-use crate::clock::now_ms;
+use crate::clock::steady::steady_now_ms;
 use crate::store::claims::Claimed;
 use crate::store::job_ends::MAX_ATTEMPTS;
 use crate::store::jobs::{Claim, HiddenJob};
@@ -364,7 +364,8 @@ fn sign(job: &Claim, report: &Report, signer: &Signer) -> Signed {
         suite: &job.suite_id,
         log_hash: &job.log_hash,
         grader: GRADER,
-        graded_at_ms: now_ms(),
+        // A clock that is behind signs no grade that is older than its answer.
+        graded_at_ms: steady_now_ms().max(job.hidden.as_ref().map_or(i64::MIN, |hidden| hidden.answered_at_ms)),
         hidden: job.hidden.as_ref().map(|hidden| OfInstance {
             epoch: &hidden.epoch_id,
             instance: &hidden.instance_id,

@@ -4,9 +4,10 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::support::epoch::{Scene, answer_to, id, run, said};
+use crate::support::epoch::{Scene, all_are_graded, answer_to, id, run, said};
+use plumbline_engine::hidden::verify::{Kept, verify};
 use reqwest::StatusCode;
-use serde_json::json;
+use serde_json::{Value, json};
 
 const NONCE: &str = "a nonce of our own 1";
 
@@ -79,11 +80,13 @@ async fn an_epoch_without_its_key_waits_for_it() {
 
 #[tokio::test]
 async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
-    let scene = Scene::new(&[]);
+    let scene = Scene::new(&["--per-instance", "8"]);
     let lab = scene.key("lab");
     let entry = scene.register(&lab, "dev", 2).await;
     let drawn = scene.draw(&lab, &entry, 2).await;
-    let at = |i: usize| format!("/v1/instances/{}/answer", id(&drawn[i]));
+    let other = scene.register(&lab, "dev", 1).await;
+    let others = scene.draw(&lab, &other, 1).await;
+    let at = |instance: &Value| format!("/v1/instances/{}/answer", id(instance));
     let episode = id(&scene.made(&lab, "/v1/episodes", &json!({ "instance": id(&drawn[1]) })).await).to_owned();
     // A time server is wrong by a thousand years, for longer than several looks of the service.
     scene.jump_clock(1_000 * 365 * 24 * 3_600_000);
@@ -98,17 +101,19 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     assert_eq!(late.headers["retry-after"], "60");
     let pool = scene.pool();
     for (path, body) in [
-        (at(0), answer_to(&drawn[0], &pool, false)),
         (format!("/v1/episodes/{episode}/steps"), json!({ "events": [] })),
         (format!("/v1/episodes/{episode}/submit"), json!({})),
     ] {
         let late = scene.post(&lab, &path, &body).await;
         assert_eq!(late.status, StatusCode::SERVICE_UNAVAILABLE, "{path}: {}", late.text);
     }
-    // One that is behind is no reason to call an entry finalized.
+    // An answer is in time, and dated by the time that is believed.
+    scene.made(&lab, &at(&drawn[0]), &answer_to(&drawn[0], &pool, false)).await;
+    // One that is behind dates an answer no earlier than its draw, and the end of an entry no earlier than its answers.
     scene.jump_clock(-365 * 24 * 3_600_000);
-    let early = scene.post(&lab, &at(0), &answer_to(&drawn[0], &pool, false)).await;
-    assert!(early.status.is_success() || early.status == StatusCode::SERVICE_UNAVAILABLE, "{}", early.text);
+    scene.made(&lab, &at(&others[0]), &answer_to(&others[0], &pool, false)).await;
+    all_are_graded(&scene, 2).await;
+    scene.made(&lab, &format!("/v1/entries/{other}/finalize"), &json!({})).await;
     scene.jump_clock(0);
     scene.service.wait_for("/v1/epochs/autumn", |epoch| epoch["state"] == "open" && said("jumped back")).await;
     scene.draw(&lab, &entry, 1).await;
@@ -117,4 +122,7 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     scene.set_clock(1_000 * 365 * 24 * 3_600_000);
     scene.is_sealed().await;
     scene.service.wait_for("/v1/epochs/autumn", |_| said("an epoch is settled")).await;
+    let reveal = scene.service.get("/v1/epochs/autumn/reveal").await.text;
+    let verified = verify(&serde_json::from_str(&reveal).unwrap(), &Kept::default()).unwrap();
+    assert!(verified.breaches.is_empty(), "{:?}", verified.breaches);
 }

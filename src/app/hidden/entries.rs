@@ -11,7 +11,7 @@ use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::submissions::accept::key_reused;
-use crate::clock::steady::is_doubted;
+use crate::clock::steady::{is_doubted, steady_now_ms};
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::{EntryRow, InstanceOutcome};
 use crate::store::epochs::EpochRow;
@@ -229,6 +229,6 @@ pub(super) fn require_entrant(caller: &Caller, entry: &EntryRow, what: &str) -> 
 pub async fn finalize_entry(app: &App, caller: &Caller, id: &str) -> AppResult<EntryStatus> {
     caller.require(Scope::Submit)?;
     entrants_entry(app, caller, id).await?;
-    app.store.finalize_entry(id, now_ms()).await?;
+    app.store.finalize_entry(id, steady_now_ms()).await?;
     entry(app, id).await
 }
