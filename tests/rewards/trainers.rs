@@ -229,7 +229,7 @@ async fn openrlhf_gets_no_reward_from_damaged_data() {
         json!({ "task": 113, "response": { "output_text": "no" }, "reward_scheme": "mean", "scheme": "strict" });
     assert_eq!(service.post_json("/verify", &twice).await.faults(422), ["null /scheme"]);
     // A label is as small as text as it is as JSON.
-    let many = format!("{{\"task\":1,\"x\":[{}0]}}", "{\"\":0},".repeat(70_000));
+    let many = format!("{{\"task\":1,\"x\":[{}0]}}", "{\"\":0},".repeat(90_000));
     let told = service.post_json("/get_reward", &json!({ "query": ["no"], "labels": [many] })).await;
     assert!(told.faults(422) == ["null /labels/0"] && told.text.contains("more than"), "{}", told.text);
 

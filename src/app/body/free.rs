@@ -11,11 +11,14 @@ use serde_json::{Map, Value};
 use crate::app::limits::LIMITS;
 
 /// What an object counts for, beside its members: it takes as much memory as so many plain values.
-const OBJECT: usize = 16;
+const OBJECT: usize = 8;
+/// What a member of an object counts for, beside its value: its name, and its share of the nodes of a tree that are half
+/// full.
+const MEMBER: usize = 2;
 /// What an array counts for, beside its elements.
-const ARRAY: usize = 4;
-/// Bytes of memory that a plain value takes, with its share of the array or object that holds it.
-const VALUE_BYTES: usize = 40;
+const ARRAY: usize = 2;
+/// Bytes of memory that an element of an array takes, with what a short text allocates.
+const VALUE_BYTES: usize = 64;
 
 /// Room for free JSON, for one value.
 #[derive(Debug)]
@@ -46,7 +49,11 @@ impl Room {
     #[must_use]
     pub fn fault(&self) -> Option<String> {
         let most = self.most;
-        let why = || format!("more than {most} values; an object counts as {OBJECT} more, an array as {ARRAY}");
+        let why = || {
+            format!(
+                "more than {most} values; an object counts as {OBJECT} more, each of its members as {MEMBER}, an array as {ARRAY}"
+            )
+        };
         self.is_exceeded.then(why)
     }
 
@@ -122,6 +129,7 @@ impl<'de> Visitor<'de> for FreeJson<'_> {
         while !self.0.is_exceeded
             && let Some(name) = members.next_key::<String>()?
         {
+            self.0.take(MEMBER);
             object.insert(name, members.next_value_seed(FreeJson(self.0))?);
         }
         while members.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
@@ -140,8 +148,10 @@ pub fn memory_of(json: &[u8]) -> usize {
             b'"' => is_text = !is_text,
             _ if is_text => {}
             b'{' => values += OBJECT + 1,
-            b'[' => values += ARRAY + 1,
+            // The first element has no comma before it.
+            b'[' => values += ARRAY + 2,
             b',' => values += 1,
+            b':' => values += MEMBER + 1,
             _ => {}
         }
     }
@@ -172,12 +182,12 @@ mod tests {
         assert!(read(&list("0", most - ARRAY - 1)).1);
         assert!(!read(&list("0", most - ARRAY)).1);
         let (value, fits) = read(&list(r#"{"":[[]]}"#, most));
-        assert!(!fits && value.as_array().unwrap().len() <= most / OBJECT);
+        assert!(!fits && value.as_array().unwrap().len() <= most / (OBJECT + MEMBER));
     }
 
     #[test]
     fn the_memory_of_a_body_is_told_from_its_text() {
-        assert_eq!(memory_of(br#"{"a": "[{,\\\"[{,", "b": [1, 2]}"#), VALUE_BYTES * (17 + 1 + 5 + 1));
+        assert_eq!(memory_of(br#"{"a": "[{,\\\"[{,", "b": [1, 2]}"#), VALUE_BYTES * (9 + 3 + 1 + 3 + 4 + 1));
         assert_eq!(memory_of(&b"[".repeat(10_000_000)), VALUE_BYTES * LIMITS.free_json_values);
     }
 }

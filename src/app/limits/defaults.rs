@@ -2,9 +2,9 @@
 
 use super::members::Limits;
 use crate::actions::pool::FILES_TIMES;
-use crate::actions::{ACTION_LIMITS, AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
+use crate::actions::{ACTION_LIMITS, AFTERWARDS_MS, MAX_ERRORS, MAX_NOTES, NOTE_CHARS, STACK_BYTES};
 use crate::formats::{MAX_AXIS, MAX_AXIS_WRITTEN, MAX_BYTES, MAX_CELLS, MAX_DEPTH, MAX_NAME, MAX_TEXTS, MAX_VALUES};
-use crate::pictures::isometric::MOST as MOST_SHOWN;
+use crate::pictures::isometric::MAX_BLOCKS;
 use crate::store::episodes::KEPT_DAYS;
 use crate::store::job_ends::MAX_ATTEMPTS;
 use crate::store::keys::LIVE_KEYS;
@@ -23,7 +23,7 @@ pub const LIMITS: Limits = Limits {
     bodies_in_memory_bytes: 512 << 20,
     form_bytes: 16 << 10,
     json_depth: 126,
-    // Some 100 MB.
+    // Some 130 MB.
     free_json_values: 2_000_000,
     free_json_in_memory_bytes: 512 << 20,
     free_json_in_memory_bytes_per_sender: 128 << 20,
@@ -108,8 +108,8 @@ pub const LIMITS: Limits = Limits {
     action_log_bytes: ACTION_LIMITS.log_bytes,
     action_virtual_ms: ACTION_LIMITS.virtual_ms,
     action_timers_ms: AFTERWARDS_MS,
-    action_errors: MOST_ERRORS,
-    action_notes: MOST_NOTES,
+    action_errors: MAX_ERRORS,
+    action_notes: MAX_NOTES,
     action_note_chars: NOTE_CHARS,
     action_stack_bytes: ACTION_LIMITS.stack_bytes,
     action_stack_bytes_mindcraft: STACK_BYTES,
@@ -127,7 +127,7 @@ pub const LIMITS: Limits = Limits {
     episode_events: 2_000,
     episode_view_cells: 32_768,
     picture_blocks: 10_000,
-    page_picture_blocks: MOST_SHOWN,
+    page_picture_blocks: MAX_BLOCKS,
     picture_pixels: 768,
     structure_bytes: MAX_BYTES,
     structure_cells: MAX_CELLS,

@@ -16,7 +16,7 @@ pub struct Limits {
     /// Levels of nested arrays and objects in a run's metadata; elsewhere the format bounds the depth.
     pub json_depth: u32,
     /// Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
-    /// object counts as 16 more, an array as 4.
+    /// object counts as 8 more, each of its members as 2, an array as 2.
     pub free_json_values: usize,
     /// Bytes of memory for the values of such bodies, of all requests that are read or wait for grading at the same time;
     /// others wait.

@@ -22,19 +22,21 @@ pub async fn judge(
     app: &App,
     who: &Arc<str>,
     catalogue: &Catalogue,
-    naming: &Map<String, Value>,
+    naming: Map<String, Value>,
     texts: Vec<String>,
 ) -> AppResult<GradeBody> {
     let begun = Instant::now();
-    let request = ReadRequest::read(request(naming).as_bytes(), catalogue)?.about(texts);
-    let prepared = code_in_time(None, request.prepare_in_turn(app, who)).await;
+    // What names the task may have grown into much memory: it is gone before anything waits.
+    let request = request(naming);
+    let read = ReadRequest::read(request.as_bytes(), catalogue)?.about(texts);
+    drop(request);
+    let prepared = code_in_time(None, read.prepare_in_turn(app, who)).await;
     let prepared = prepared.map_err(AppError::without_reward_where_ours)?;
     graded_in_time(begun, prepared.grade_in_turn(app, who)).await
 }
 
 /// Creates the request that names the task, with an empty log in place of the model's.
-fn request(naming: &Map<String, Value>) -> String {
-    let mut request = naming.clone();
+fn request(mut request: Map<String, Value>) -> String {
     request.retain(|_, value| !value.is_null());
     request.insert("turns".to_owned(), Value::Array(Vec::new()));
     Value::Object(request).to_string()

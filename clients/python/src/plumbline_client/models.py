@@ -894,7 +894,7 @@ class Limits(BaseModel):
     free_json_values: Annotated[int, Field(ge=0)]
     """
     Values in a body of a trainer that has no shape of its own: a request of NeMo Gym, the labels of `OpenRLHF`. An
-    object counts as 16 more, an array as 4.
+    object counts as 8 more, each of its members as 2, an array as 2.
     """
     free_json_in_memory_bytes: Annotated[int, Field(ge=0)]
     """

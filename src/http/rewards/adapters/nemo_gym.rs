@@ -24,7 +24,7 @@ use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::judge::judge;
 use crate::app::rewards::scheme::SchemeBody;
-use crate::app::submissions::posted::TaskRef;
+use crate::app::task_ref::TaskRef;
 use crate::http::extract::body::JsonBody;
 use crate::http::state::AppState;
 use crate::store::keys::Scope;
@@ -208,7 +208,7 @@ pub async fn verify(State(state): State<AppState>, caller: Caller, body: JsonBod
         state.find_suite(suite).await?;
     }
     let places: Vec<(&str, &str)> = places.iter().map(|(inner, outer)| (inner.as_str(), outer.as_str())).collect();
-    let graded = judge(&state, who, &state.catalogue(), &naming, texts).await;
+    let graded = judge(&state, who, &state.catalogue(), naming, texts).await;
     let graded = graded.map_err(|error| error.named(&places))?;
     // A nested request is not repeated, because there the framework refuses members that it does not know.
     let mut answer = if request.contains_key("verification_input") { Map::new() } else { request };

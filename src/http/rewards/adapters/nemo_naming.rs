@@ -22,14 +22,14 @@ pub(super) struct Naming {
 }
 
 /// A member of a request that names the task.
-struct Member {
+struct Member<'r> {
     /// Object in which it stands; empty at the top level.
     part: &'static str,
     key: &'static str,
-    value: Value,
+    value: &'r Value,
 }
 
-impl Member {
+impl Member<'_> {
     fn pointer(&self) -> String {
         let Self { part, key, .. } = self;
         if part.is_empty() { format!("/{key}") } else { format!("/{part}/{key}") }
@@ -43,10 +43,10 @@ impl Member {
 pub(super) fn naming(request: &Map<String, Value>) -> AppResult<Naming> {
     let parts: Vec<(&'static str, &Map<String, Value>)> =
         PARTS.into_iter().filter_map(|part| Some((part, request.get(part)?.as_object()?))).collect();
-    let all = |key: &'static str| -> Vec<Member> {
+    let all = |key: &'static str| -> Vec<Member<'_>> {
         let places = std::iter::once(("", request)).chain(parts.iter().copied());
         let given = places.filter_map(|(part, object)| Some((part, object.get(key).filter(|value| !value.is_null())?)));
-        given.map(|(part, value)| Member { part, key, value: value.clone() }).collect()
+        given.map(|(part, value)| Member { part, key, value }).collect()
     };
     let missing: Vec<&str> = OPTIONS.into_iter().filter(|option| all(option).is_empty()).collect();
     let mut faults = Faults::new();
@@ -65,7 +65,7 @@ pub(super) fn naming(request: &Map<String, Value>) -> AppResult<Naming> {
     let mut tasks = all("task");
     let of_id = request.get("task_id").and_then(|id| id.get("task_id"));
     if let Some(value) = of_id.filter(|_| tasks.is_empty()) {
-        tasks.push(Member { part: "task_id", key: "task_id", value: value.clone() });
+        tasks.push(Member { part: "task_id", key: "task_id", value });
     }
     // A dataset may have a member of this name for something else, which is no text.
     let profiles = all("profile").into_iter().filter(|member| member.value.is_string()).collect();
@@ -74,7 +74,7 @@ pub(super) fn naming(request: &Map<String, Value>) -> AppResult<Naming> {
         add_conflict(&given, &mut faults);
         if let Some(first) = given.into_iter().next() {
             naming.places.push((format!("/{name}"), first.pointer()));
-            naming.members.insert(name.to_owned(), first.value);
+            naming.members.insert(name.to_owned(), first.value.clone());
         }
     }
     if faults.is_empty() { Ok(naming) } else { Err(AppError::faulty(faults)) }
@@ -83,10 +83,10 @@ pub(super) fn naming(request: &Map<String, Value>) -> AppResult<Naming> {
 /// Returns the reward schemes of a request. Labels for other frameworks call it `scheme`, or `reward`, which as a number
 /// at the top level is the reward of an earlier response. Beside `reward_scheme` a text of that name that is no scheme is
 /// the data set's own.
-fn schemes(all: impl Fn(&'static str) -> Vec<Member>) -> Vec<Member> {
+fn schemes<'r>(all: impl Fn(&'static str) -> Vec<Member<'r>>) -> Vec<Member<'r>> {
     let mut schemes = all("reward_scheme");
     let has_own = !schemes.is_empty();
-    let is_scheme = |member: &Member| match &member.value {
+    let is_scheme = |member: &Member<'_>| match member.value {
         Value::String(name) => !has_own || scheme_named(name).is_some(),
         value => value.get("weights").is_some(),
     };
@@ -100,7 +100,7 @@ fn plain(value: &Value) -> String {
 }
 
 /// Adds a fault if members that mean the same differ.
-fn add_conflict(given: &[Member], faults: &mut Faults) {
+fn add_conflict(given: &[Member<'_>], faults: &mut Faults) {
     // A number and an id may name the same task, and a number may be written as text.
     let differ = |one: &Value, other: &Value| match (plain(one).parse::<u32>(), plain(other).parse::<u32>()) {
         (Ok(one), Ok(other)) => one != other,
@@ -108,7 +108,7 @@ fn add_conflict(given: &[Member], faults: &mut Faults) {
         _ => false,
     };
     let Some((first, others)) = given.split_first() else { return };
-    if let Some(other) = others.iter().find(|other| differ(&first.value, &other.value)) {
+    if let Some(other) = others.iter().find(|other| differ(first.value, other.value)) {
         if !other.part.is_empty() {
             faults.enter_key(other.part);
         }

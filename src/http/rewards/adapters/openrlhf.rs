@@ -152,7 +152,7 @@ pub async fn get_reward(State(state): State<AppState>, caller: Caller, body: Jso
         let opened = prompt.and_then(opened_at_the_end).filter(|_| !is_whole).unwrap_or_default();
         let answer = with_opening(opened, answer);
         let graded = match naming(&query.labels[i]) {
-            Ok(naming) => judge(&state, who, &catalogue, &naming, vec![answer]).await,
+            Ok(naming) => judge(&state, who, &catalogue, naming, vec![answer]).await,
             Err(error) => Err(error),
         };
         match graded {

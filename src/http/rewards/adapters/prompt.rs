@@ -22,11 +22,11 @@ pub(super) fn without_prompt<'q>(query: &'q str, prompt: &str) -> &'q str {
 
 /// Removes the special tokens at the beginning of a text, such as `<s>`, and the rest of a character that was cut.
 fn without_special_tokens(mut text: &str) -> &str {
-    const MOST_CHARS: usize = 40;
+    const MAX_CHARS: usize = 40;
     loop {
         text = text.trim_start_matches(|c: char| c.is_whitespace() || c == char::REPLACEMENT_CHARACTER);
         let Some((token, rest)) = text.strip_prefix('<').and_then(|text| text.split_once('>')) else { return text };
-        if token.len() > MOST_CHARS || token.contains(char::is_whitespace) {
+        if token.len() > MAX_CHARS || token.contains(char::is_whitespace) {
             return text;
         }
         text = rest;
