@@ -1,8 +1,7 @@
 //! Readiness: whether the database can be written and read.
 
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-use tokio::sync::Mutex;
 
 use crate::app::App;
 use crate::app::error::{AppError, AppResult, Kind};
@@ -22,17 +21,33 @@ const PATIENCE: Duration = Duration::from_secs(4);
 /// What the last look came to: what the node lacks, or why it is not ready.
 type Found = Result<Vec<String>, &'static str>;
 
-/// Recent result of writing to and reading from the database. One request looks; the others wait for its result.
+/// Recent result of writing to and reading from the database. One task looks; others wait for its result.
 #[derive(Debug, Default)]
-pub struct Readiness(Mutex<Option<(Instant, Found)>>);
+pub struct Readiness {
+    looking: tokio::sync::Mutex<()>,
+    last: Mutex<Option<(Instant, Found)>>,
+}
 
 /// Checks that the database can be written and read, at most a second ago. Returns what the node lacks although it is
 /// ready, for people to read.
 ///
 /// # Errors
 /// Returns an error that says why it is not ready.
-pub async fn check(app: &App) -> AppResult<Vec<String>> {
-    app.readiness.look(app).await.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
+pub async fn check(app: &Arc<App>) -> AppResult<Vec<String>> {
+    // A prober that gives up sooner must not take the result from the others.
+    let looking = Arc::clone(app);
+    let found = tokio::spawn(async move { looking.readiness.look(&looking).await });
+    let found = found.await.map_err(|error| AppError::internal(&error))?;
+    found.map_err(|detail| AppError::new(Kind::NotReady, detail).retry_after(1))
+}
+
+/// Checks the same for at most `patience`, and after that returns what the last look came to: what the node lacks, if it
+/// was ready. None if it was not, or if nobody has looked yet.
+pub async fn check_within(app: &Arc<App>, patience: Duration) -> Option<Vec<String>> {
+    match tokio::time::timeout(patience, check(app)).await {
+        Ok(found) => found.ok(),
+        Err(_late) => app.readiness.last().and_then(|(_, found)| found.ok()),
+    }
 }
 
 /// Returns what the node lacks: its secrets, keys of epochs, the folder of large logs, a clock that can be believed, or a
@@ -65,13 +80,15 @@ async fn lacking(app: &App) -> StoreResult<Vec<String>> {
 }
 
 impl Readiness {
+    fn last(&self) -> Option<(Instant, Found)> {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     async fn look(&self, app: &App) -> Found {
         let store = &app.store;
-        let mut found = self.0.lock().await;
-        if let Some((at, found)) = &*found
-            && at.elapsed() < HOLDS_FOR
-        {
-            return found.clone();
+        let _looking = self.looking.lock().await;
+        if let Some((_, found)) = self.last().filter(|(at, _)| at.elapsed() < HOLDS_FOR) {
+            return found;
         }
         let probe = async {
             // The file comes first: without it, reading says no more than that it cannot be opened.
@@ -115,7 +132,7 @@ impl Readiness {
                 Err("The database could not be written in time: another process may hold its lock.")
             }
         };
-        *found = Some((Instant::now(), new.clone()));
+        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), new.clone()));
         new
     }
 }

@@ -37,18 +37,14 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoResponse> {
     // Figures that the process counts itself are served even while the database is unreachable. Figures that only the
     // database has are NaN then.
-    let (found, ready) = tokio::join!(
-        tokio::time::timeout(PATIENCE, backlog(&state)),
-        // It gives up by itself, says why, and is remembered for a moment.
-        readiness::check(&state),
-    );
+    let (found, ready) =
+        tokio::join!(tokio::time::timeout(PATIENCE, backlog(&state)), readiness::check_within(&state.app, PATIENCE),);
     if let Ok(Err(error)) = &found {
         tracing::warn!(detail = error.detail(), "the metrics lack what the database knows");
     }
     let found = found.ok().and_then(Result::ok);
     let [open, oldest_s] =
         found.map_or([f64::NAN; 2], |Backlog { open, oldest_ms }| [open as f64, oldest_ms as f64 / 1_000.0]);
-    let ready = ready.ok();
     metrics::gauge!("plumbline_ready").set(if ready.is_some() { 1.0 } else { 0.0 });
     metrics::gauge!("plumbline_lacks").set(ready.map_or(f64::NAN, |lacks| lacks.len() as f64));
     metrics::gauge!("plumbline_database_up").set(if open.is_nan() { 0.0 } else { 1.0 });

@@ -46,5 +46,5 @@ pub async fn get_health() -> Json<Health> {
     )
 )]
 pub async fn get_readiness(State(state): State<AppState>) -> AppResult<Json<Health>> {
-    Ok(Json(Health { lacks: check(&state).await?, ..OK }))
+    Ok(Json(Health { lacks: check(&state.app).await?, ..OK }))
 }
