@@ -40,20 +40,21 @@ class Reopening:
     """When a stream that broke off or ended is opened again: at once after an event, otherwise with patience."""
 
     def __init__(self, retries: Retries, reader: EventReader) -> None:
-        self._heard: float | None = None
+        self._opened = time.monotonic()
+        self._has_heard = False
         self._retries = retries
         self._reader = reader
         self._attempts = Attempts(retries, is_repeatable=True)
 
     def opens(self) -> None:
         """Notes that the stream is opened now."""
-        self._heard = None
+        self._opened = time.monotonic()
+        self._has_heard = False
         self._seen = self._reader.last_id
 
     def hears(self) -> None:
         """Notes that the service has sent a line, be it only to keep the stream open."""
-        if self._heard is None:
-            self._heard = time.monotonic()
+        self._has_heard = True
 
     def has_brought(self) -> bool:
         """Whether the stream has brought an event since it was opened."""
@@ -61,7 +62,7 @@ class Reopening:
 
     def delay(self, error: PlumblineError | None) -> float:
         """Returns the seconds to wait; raises the error if the service does not come back."""
-        is_held = self._heard is not None and time.monotonic() - self._heard > self._retries.longest_s
+        is_held = self._has_heard and time.monotonic() - self._opened > self._retries.longest_s
         if self.has_brought() or is_held:
             self._attempts = Attempts(self._retries, is_repeatable=True)
         if self.has_brought():
