@@ -25,7 +25,7 @@ const INSTANCES: usize = 12;
 /// Blocks of which a careless agent misplaces or forgets one.
 const BLOCKS_PER_SLIP: [u64; 3] = [400, 100, 25];
 /// Greatest difference of the panel's pass rates.
-const MOST_APART: f64 = 0.15;
+const MAX_APART: f64 = 0.15;
 
 /// The log of an agent who forgets some blocks, and puts some beside where they belong.
 fn careless(mut log: BlockLog, blocks_per_slip: u64, seed: u64) -> BlockLog {
@@ -96,7 +96,7 @@ fn hidden_families_are_as_hard_for_a_panel_as_public_ones() {
         let cells = [0, 1, 2, 3].map(|i| format!("{:.0} %, {:.0} %", 100.0 * hidden[i], 100.0 * public[i]));
         let _ = writeln!(table, "| {} | {} |", family.name(), cells.join(" | "));
         let panel = |rates: [f64; 4]| f64::midpoint(rates[0], rates[1..].iter().sum::<f64>() / 3.0);
-        if (panel(hidden) - panel(public)).abs() > MOST_APART {
+        if (panel(hidden) - panel(public)).abs() > MAX_APART {
             apart.push(format!("{}: {:.2} and {:.2}", family.name(), panel(hidden), panel(public)));
         }
     }

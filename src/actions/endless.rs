@@ -12,11 +12,11 @@ use super::job::{Answer, Job};
 pub(super) type Hash = [u8; 32];
 
 /// Number of results that are kept.
-const MOST: usize = 512;
+const MAX_RESULTS: usize = 512;
 /// Greatest length in bytes of a result that is kept, as JSON: it may hold a whole world.
-const MOST_BYTES: usize = 64 << 10;
+const MAX_BYTES: usize = 64 << 10;
 /// Greatest number of events and of blocks of a result whose length is looked at.
-const MOST_ITEMS: usize = 2_000;
+const MAX_ITEMS: usize = 2_000;
 /// Time for which a result is kept. A crowded machine may have stopped a script that an idle one lets end.
 const KEPT_FOR: Duration = Duration::from_mins(10);
 
@@ -28,7 +28,7 @@ pub(super) struct Endless {
 
 impl Endless {
     pub fn new() -> Self {
-        Self { kept: Cache::new(MOST) }
+        Self { kept: Cache::new(MAX_RESULTS) }
     }
 
     /// Returns the hash of a job.
@@ -54,9 +54,9 @@ impl Endless {
         let events: usize = answer.turns.iter().map(|turn| turn.events.len()).sum();
         let stands = answer.end.as_ref().map_or(0, |end| end.standing().count());
         // Writing a large result takes time.
-        if is_stopped && events + stands <= MOST_ITEMS {
+        if is_stopped && events + stands <= MAX_ITEMS {
             let bytes = serde_json::to_vec(answer)?.len();
-            if bytes <= MOST_BYTES {
+            if bytes <= MAX_BYTES {
                 self.kept.insert(job, (now, answer.clone()));
             }
         }
@@ -79,7 +79,7 @@ mod tests {
         let (endless, now) = (Endless::new(), Instant::now());
         for (number, answer, is_kept) in [
             (1, stopped("time", 10), true),
-            (2, stopped("time", MOST_BYTES), false),
+            (2, stopped("time", MAX_BYTES), false),
             (3, stopped("events", 10), false),
             (4, Answer::default(), false),
         ] {

@@ -20,7 +20,7 @@ mod replayer;
 mod sandbox;
 pub mod turn_replay;
 
-pub use mindcraft::{AFTERWARDS_MS, MOST_ERRORS, MOST_NOTES, NOTE_CHARS, STACK_BYTES};
+pub use mindcraft::{AFTERWARDS_MS, MAX_ERRORS, MAX_NOTES, NOTE_CHARS, STACK_BYTES};
 
 use serde::{Deserialize, Serialize};
 

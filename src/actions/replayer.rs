@@ -18,7 +18,7 @@ const ANSWER_BYTES: u32 = 128 << 20;
 /// Size of an answer in bytes from which reading it is left to another thread.
 const LONG_ANSWER_BYTES: usize = 64 << 10;
 /// Number of scripts after which a replayer is replaced: scripts of one replayer have the same layout of memory.
-const MOST_SCRIPTS: u32 = 500;
+const MAX_SCRIPTS: u32 = 500;
 /// Time for what a process that has ended left in the pipe.
 const LEFT_IN_PIPE: Duration = Duration::from_secs(1);
 
@@ -65,7 +65,7 @@ impl Replayer {
     /// Returns whether it can run another script.
     pub fn is_ready(&mut self) -> bool {
         // It may have been killed from outside while it waited.
-        self.is_clean && self.scripts < MOST_SCRIPTS && matches!(self.process.try_wait(), Ok(None))
+        self.is_clean && self.scripts < MAX_SCRIPTS && matches!(self.process.try_wait(), Ok(None))
     }
 
     /// Runs a script to its end. If this future is dropped before, the replayer cannot be used any more.

@@ -14,7 +14,7 @@ use super::{ActionLimits, CodeError};
 /// File name of code in stack traces.
 pub const FILE: &str = "action.js";
 /// Greatest number of rejections without a handler that are kept.
-const MOST_UNHEARD: usize = 500;
+const MAX_UNHEARD: usize = 500;
 /// Greatest length of an error's message, in characters.
 const MESSAGE_CHARS: usize = 1_000;
 
@@ -83,7 +83,7 @@ impl Sandbox {
             let (identity, told) = (identity(&promise), told(CaughtError::Value(reason)));
             if let Ok(mut watch) = heard.try_borrow_mut() {
                 if !is_handled {
-                    if watch.unheard.len() < MOST_UNHEARD {
+                    if watch.unheard.len() < MAX_UNHEARD {
                         watch.unheard.push((identity, told));
                     }
                 } else if let Some(at) = watch.unheard.iter().rposition(|(of, _)| *of == identity) {

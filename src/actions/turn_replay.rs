@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ACTION_LIMITS, CodeError, Dropped, MOST_ERRORS, MOST_NOTES, Replayed};
+use super::{ACTION_LIMITS, CodeError, Dropped, MAX_ERRORS, MAX_NOTES, Replayed};
 
 /// Last line of a log that was cut.
 pub const LOG_CUT: &str = "… more was printed, which is left out";
@@ -41,7 +41,7 @@ impl TurnReplay {
         let before = self.events;
         self.events += events;
         for Dropped { reason, count } in dropped {
-            let is_full = self.dropped.len() > MOST_NOTES;
+            let is_full = self.dropped.len() > MAX_NOTES;
             match self.dropped.iter_mut().find(|known| known.reason == reason) {
                 Some(known) => known.count += count,
                 None if is_full => {}
@@ -53,10 +53,10 @@ impl TurnReplay {
         if self.error.is_none() {
             self.error = errors.next();
         }
-        let room = (MOST_ERRORS - 1).saturating_sub(self.more_errors.len());
+        let room = (MAX_ERRORS - 1).saturating_sub(self.more_errors.len());
         self.more_errors.extend(errors.take(room));
         for note in notes {
-            if self.notes.len() <= MOST_NOTES && !self.notes.contains(&note) {
+            if self.notes.len() <= MAX_NOTES && !self.notes.contains(&note) {
                 self.notes.push(note);
             }
         }

@@ -5,7 +5,7 @@
 
 pub mod access;
 pub mod accounts;
-mod aside;
+mod blocking;
 pub mod boards;
 pub mod body;
 pub mod cards;
@@ -29,6 +29,7 @@ pub mod signing;
 pub mod stress;
 pub mod structure_files;
 pub mod submissions;
+pub mod task_ref;
 pub mod webhooks;
 
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use super::error::AppResult;
 use super::hidden::epochs::epochs;
 
 /// Greatest number of results of each kind.
-pub const MOST: usize = 20;
+pub const MAX_LISTED: usize = 20;
 
 /// A task that a search finds.
 #[derive(Debug)]
@@ -20,7 +20,7 @@ pub struct FoundTask {
     pub id: String,
 }
 
-/// What a search finds. Each list has at most [`MOST`] entries, and the number of all that match.
+/// What a search finds. Each list has at most [`MAX_LISTED`] entries, and the number of all that match.
 #[derive(Debug, Default)]
 pub struct Found {
     /// Agents on boards, by name.
@@ -78,6 +78,6 @@ async fn page_of(app: &App, id: &str) -> AppResult<Option<String>> {
 
 fn first<T>(mut all: Vec<T>) -> (Vec<T>, usize) {
     let count = all.len();
-    all.truncate(MOST);
+    all.truncate(MAX_LISTED);
     (all, count)
 }

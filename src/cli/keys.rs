@@ -256,7 +256,7 @@ const HOUR_MS: i64 = 3_600_000;
 
 /// Parses `30` or `30d` (days) or `12h` (hours) into milliseconds.
 fn lifetime(text: &str) -> Result<i64, String> {
-    const MOST_HOURS: i64 = 24 * 36_500;
+    const MAX_HOURS: i64 = 24 * 36_500;
     let (number, hours) = match text.strip_suffix('h') {
         Some(number) => (number, 1),
         None => (text.strip_suffix('d').unwrap_or(text), 24),
@@ -264,8 +264,8 @@ fn lifetime(text: &str) -> Result<i64, String> {
     let count: i64 =
         number.trim().parse().map_err(|_| format!("{text:?} is neither days (30, 30d) nor hours (12h)"))?;
     let total = count.saturating_mul(hours);
-    if !(1..=MOST_HOURS).contains(&total) {
-        return Err(format!("{text:?} is out of range: 1h to {}d", MOST_HOURS / 24));
+    if !(1..=MAX_HOURS).contains(&total) {
+        return Err(format!("{text:?} is out of range: 1h to {}d", MAX_HOURS / 24));
     }
     Ok(total * HOUR_MS)
 }

@@ -100,12 +100,12 @@ async fn lift(store: &Store, name: &str, reason: &str) -> anyhow::Result<()> {
 }
 
 async fn grant(store: &Store, name: &str, submissions: i64, reason: &str) -> anyhow::Result<()> {
-    const MOST: i64 = 1_000_000_000_000;
+    const MAX_SUBMISSIONS: i64 = 1_000_000_000_000;
     if reason.trim().is_empty() {
         bail!("--reason: must not be empty; it is recorded in the ledger");
     }
-    if submissions == 0 || submissions.abs() > MOST {
-        bail!("--submissions: expected a number other than 0, between -{MOST} and {MOST}");
+    if submissions == 0 || submissions.abs() > MAX_SUBMISSIONS {
+        bail!("--submissions: expected a number other than 0, between -{MAX_SUBMISSIONS} and {MAX_SUBMISSIONS}");
     }
     if submissions < 0 && store.quota(name).await?.granted.is_none() {
         bail!("--submissions: {name} has no grant to take from; the first grant must be positive");

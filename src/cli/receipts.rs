@@ -11,7 +11,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::evidence::{is_reveal, key, read_given};
 use super::files;
-use super::serve::MOST_PUBLISH_SECONDS;
+use super::serve::MAX_PUBLISH_SECONDS;
 use plumbline_engine::hidden::canonical::canonical_json;
 use plumbline_engine::hidden::evidence::GivenReceipt;
 use plumbline_engine::hidden::receipts::{
@@ -40,7 +40,7 @@ pub struct VerifyReceiptArgs {
 
 /// How long after its time a receipt is in the log for sure, in milliseconds: the longest interval at which a service may
 /// publish receipts of hidden evaluation, and some minutes.
-const LOGGED_WITHIN_MS: i64 = 1_000 * MOST_PUBLISH_SECONDS.cast_signed() + 5 * 60_000;
+const LOGGED_WITHIN_MS: i64 = 1_000 * MAX_PUBLISH_SECONDS.cast_signed() + 5 * 60_000;
 
 /// Contents of the files.
 #[derive(Default)]

@@ -22,6 +22,7 @@ use crate::store::Store;
 use crate::store::boards::BoardCursor;
 use crate::store::regrades::{Difference, ToRegrade};
 use crate::store::reports::PackedReport;
+use crate::store::states::RegradeState;
 use crate::threads::yield_to_others;
 use plumbline_engine::elasticity::Control;
 use plumbline_engine::grading::standings::Standing;
@@ -154,7 +155,15 @@ async fn list(store: &Store) -> anyhow::Result<()> {
     table.set_header(["id", "suite", "checks", "state", "begun", "actor", "reason"]);
     for row in store.regrades().await? {
         let begun = rfc3339(row.created_at_ms);
-        table.add_row([row.id, row.suite_id, row.checks_version.to_string(), row.state, begun, row.actor, row.reason]);
+        table.add_row([
+            row.id,
+            row.suite_id,
+            row.checks_version.to_string(),
+            row.state.name().to_owned(),
+            begun,
+            row.actor,
+            row.reason,
+        ]);
     }
     println!("{table}");
     Ok(())
@@ -165,7 +174,7 @@ async fn show(store: &Store, id: &str) -> anyhow::Result<()> {
     let regrade = all.iter().find(|row| row.id == id).with_context(|| format!("there is no regrade {id:?}"))?;
     let catalogue = store.catalogue();
     let entry = catalogue.suite(&regrade.suite_id).context("the suite of the regrade no longer exists")?;
-    println!("{} of {}: {} ({})", regrade.id, regrade.suite_id, regrade.state, regrade.reason);
+    println!("{} of {}: {} ({})", regrade.id, regrade.suite_id, regrade.state.name(), regrade.reason);
     let differences = store.differences(id).await?;
     let flips: Vec<&Difference> = differences.iter().filter(|d| d.before != d.after).collect();
     let (differing, flipping) = (counted(differences.len(), "submission"), counted(flips.len(), "problem"));
@@ -240,7 +249,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
     let catalogue = store.catalogue();
     let entry = catalogue.suite(&regrade.suite_id).context("the suite of the regrade no longer exists")?;
     let left_out = store.left_out(id).await?;
-    if regrade.state == "ready" && left_out > 0 {
+    if regrade.state == RegradeState::Ready && left_out > 0 {
         let left_out = agreeing(left_out, "submission was", "submissions were");
         bail!("{left_out} graded by other checks in the meantime; regrade again before applying");
     }
@@ -248,7 +257,7 @@ async fn apply(store: &Store, id: &str) -> anyhow::Result<()> {
     signing(store, false, Others::MaySign).await?;
     match store.apply_regrade(id, &entry.suite.tasks, now_ms()).await? {
         Some(runs) => println!("applied; {} new results", agreeing(runs, "finished run has", "finished runs have")),
-        None => bail!("the regrade is {}, not ready", regrade.state),
+        None => bail!("the regrade is {}, not ready", regrade.state.name()),
     }
     Ok(())
 }

@@ -21,7 +21,7 @@ use crate::telemetry::LogFormat;
 use plumbline_engine::hidden::tlog::cosignature::Witness;
 
 /// Longest interval at which receipts of hidden evaluation are published, in seconds.
-pub(super) const MOST_PUBLISH_SECONDS: u64 = 86_400;
+pub(super) const MAX_PUBLISH_SECONDS: u64 = 86_400;
 
 /// Arguments of `serve`; each but `--demo` can also be set in the environment.
 #[derive(Debug, Args)]
@@ -58,7 +58,7 @@ pub struct ServeArgs {
     /// Interval in seconds at which entries of open epochs are completed and receipts of hidden evaluation are
     /// published, at full multiples of the interval. A longer interval reveals less about how long answers took to
     /// grade.
-    #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MOST_PUBLISH_SECONDS))]
+    #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MAX_PUBLISH_SECONDS))]
     hidden_publish_seconds: u64,
     /// Server of the public randomness beacon, such as <https://api.drand.sh>, from which the rounds that epochs are
     /// bound to are fetched. Without it, `plumbline epochs beacon` or anybody with `POST /v1/epochs/NAME/beacon` brings

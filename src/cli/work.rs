@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::database::{BlobArgs, DatabaseArgs, NoticeArgs};
 use super::process::{processors, run_until_stopped, say};
-use super::serve::MOST_PUBLISH_SECONDS;
+use super::serve::MAX_PUBLISH_SECONDS;
 use crate::app::access::Openness;
 use crate::app::limits::LIMITS;
 use crate::app::operator::Operator;
@@ -37,7 +37,7 @@ pub struct WorkArgs {
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
     /// Interval in seconds at which results of hidden evaluation are published; the same on all nodes.
-    #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MOST_PUBLISH_SECONDS))]
+    #[arg(long, env = "PLUMBLINE_HIDDEN_PUBLISH_SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MAX_PUBLISH_SECONDS))]
     hidden_publish_seconds: u64,
     /// Format of log lines.
     #[arg(long, env = "PLUMBLINE_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::colours::{self, Box3, Colour, Look, WHOLE};
 
 /// Blocks that a picture on a page shows: one of more blocks is a large file and shows less.
-pub const MOST: usize = 30_000;
+pub const MAX_BLOCKS: usize = 30_000;
 /// Sixteenths of a block on an axis: boxes inside of blocks are given in them.
 const PARTS: i64 = 16;
 /// Half the width of a sixteenth of a block, in SVG units.

@@ -7,6 +7,7 @@ use super::db::{Builder, query, query_as, query_scalar};
 use super::events::EventRow;
 use super::locks::Lock;
 use super::rows::from_row;
+use super::states::DeliveryState::{self, Dead, Delivered, Pending};
 use super::webhooks::{WebhookRow, disable};
 use super::{Store, StoreResult, commit};
 
@@ -24,8 +25,8 @@ pub struct DeliveryRow {
     pub event: String,
     /// Message as JSON.
     pub body: String,
-    /// `pending`, `delivered` or `dead`.
-    pub state: String,
+    /// State of the delivery.
+    pub state: DeliveryState,
     /// Number of attempts so far.
     pub attempts: i64,
     /// Time of the next attempt, while it is pending, in milliseconds since 1970.
@@ -149,7 +150,7 @@ impl Store {
                     .push_bind(delivery.event_id)
                     .push_bind(delivery.event.clone())
                     .push_bind(delivery.body.clone())
-                    .push_bind("pending")
+                    .push_bind(Pending)
                     .push_bind(now_ms)
                     .push_bind(now_ms);
             });
@@ -248,10 +249,10 @@ impl Store {
         now_ms: i64,
     ) -> StoreResult<()> {
         let (state, status, error, next) = match result {
-            Attempted::Delivered(status) => ("delivered", Some(*status), None, None),
-            Attempted::Failed { status, error, next_at_ms: None } => ("dead", *status, Some(error.as_str()), None),
-            Attempted::Failed { status, error, next_at_ms } => ("pending", *status, Some(error.as_str()), *next_at_ms),
-            Attempted::Gone => ("dead", Some(410), Some("410 Gone: the endpoint wants no more messages"), None),
+            Attempted::Delivered(status) => (Delivered, Some(*status), None, None),
+            Attempted::Failed { status, error, next_at_ms: None } => (Dead, *status, Some(error.as_str()), None),
+            Attempted::Failed { status, error, next_at_ms } => (Pending, *status, Some(error.as_str()), *next_at_ms),
+            Attempted::Gone => (Dead, Some(410), Some("410 Gone: the endpoint wants no more messages"), None),
         };
         let mut tx = self.begin().await?;
         // An attempt that took too long does not overrule the one that followed.
@@ -266,7 +267,7 @@ impl Store {
         .bind(status.map(i64::from))
         .bind(error)
         .bind(next)
-        .bind((state != "pending").then_some(now_ms))
+        .bind((state != Pending).then_some(now_ms))
         .execute(&mut tx)
         .await?;
         match result {
@@ -328,14 +329,14 @@ impl Store {
     pub async fn deliveries(
         &self,
         webhook_id: &str,
-        state: Option<&str>,
+        state: Option<DeliveryState>,
         before: Option<&str>,
         limit: i64,
     ) -> StoreResult<Vec<DeliveryRow>> {
         let mut query = Builder::new(select_delivery!("WHERE webhook_id = "));
         query.push_bind(webhook_id.to_owned());
         if let Some(state) = state {
-            query.push(" AND state = ").push_bind(state.to_owned());
+            query.push(" AND state = ").push_bind(state);
         }
         if let Some(before) = before {
             query.push(" AND id < ").push_bind(before.to_owned());

@@ -8,6 +8,7 @@ use super::reports::{GRADER, PackedReport};
 use super::results::problems_of;
 use super::rows::from_row;
 use super::run_ends::set_result;
+use super::states::RegradeState;
 use super::submissions::stored_log;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::checks::CHECKS_VERSION;
@@ -28,8 +29,8 @@ pub struct RegradeRow {
     pub actor: String,
     /// Version of the checks that it grades with.
     pub checks_version: i64,
-    /// `computing`, `ready`, `applied` or `discarded`.
-    pub state: String,
+    /// State of the regrade.
+    pub state: RegradeState,
     /// Time at which it was begun, in milliseconds since 1970.
     pub created_at_ms: i64,
 }
@@ -148,9 +149,9 @@ impl Store {
         self.keep_reports(graded.iter_mut().map(|(_, report)| report)).await?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Boards]).await?;
-        let state: Option<String> =
+        let state: Option<RegradeState> =
             query_scalar("SELECT state FROM regrades WHERE id = $1").bind(regrade_id).fetch_optional(&mut tx).await?;
-        if state.as_deref() != Some("computing") {
+        if state != Some(RegradeState::Computing) {
             return Ok(false);
         }
         let mut query = Builder::new(

@@ -100,3 +100,61 @@ impl RunState {
 }
 
 text_column!(RunState);
+
+/// State of a delivery.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DeliveryState {
+    /// Another attempt follows.
+    Pending,
+    /// The endpoint accepted the message.
+    Delivered,
+    /// All attempts failed, or the endpoint wants no more messages.
+    Dead,
+}
+
+impl DeliveryState {
+    const ALL: [Self; 3] = [Self::Pending, Self::Delivered, Self::Dead];
+
+    /// Returns the name of the state in the API and the database.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Pending => "pending",
+            Self::Delivered => "delivered",
+            Self::Dead => "dead",
+        }
+    }
+}
+
+text_column!(DeliveryState);
+
+/// State of a regrade.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RegradeState {
+    /// Submissions are being graded again.
+    Computing,
+    /// All are graded again; somebody reviews what changes.
+    Ready,
+    /// Its reports are in force.
+    Applied,
+    /// Its reports are not used.
+    Discarded,
+}
+
+impl RegradeState {
+    const ALL: [Self; 4] = [Self::Computing, Self::Ready, Self::Applied, Self::Discarded];
+
+    /// Returns the name of the state in the database and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Computing => "computing",
+            Self::Ready => "ready",
+            Self::Applied => "applied",
+            Self::Discarded => "discarded",
+        }
+    }
+}
+
+text_column!(RegradeState);

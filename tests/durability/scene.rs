@@ -19,7 +19,7 @@ use crate::support::{PROGRAM, Service};
 pub const LEASE: [&str; 2] = ["--lease-seconds", "1"];
 
 /// How often a request is tried where there are faults.
-const MOST_TRIES: usize = 500;
+const MAX_TRIES: usize = 500;
 
 /// A database with a key to it, and what was acknowledged.
 pub struct Scene {
@@ -88,7 +88,7 @@ impl Scene {
     /// Sends a request until it succeeds. Returns `None` on a conflict, or if the service dies first.
     pub async fn send(&self, request: RequestBuilder) -> Option<Value> {
         let request = request.bearer_auth(&self.key);
-        for _ in 0..MOST_TRIES {
+        for _ in 0..MAX_TRIES {
             let answer = match request.try_clone().expect("the body is in memory").send().await {
                 Ok(answer) => answer,
                 Err(error) => return self.note(format!("{error:?}")),

@@ -10,7 +10,7 @@ use std::ops::{Add, Mul, Sub};
 use pulp::Simd;
 
 /// Greatest number of lanes of a vector.
-pub const MOST_LANES: usize = 8;
+pub const MAX_LANES: usize = 8;
 
 /// One number for each lane.
 #[derive(Debug, Clone, Copy)]

@@ -14,7 +14,7 @@ const LEVELS: [i32; 3] = [-1, 0, 1];
 /// Number of checks above which a task is tried with stone only, at [`LEVELS`] only.
 const MANY_CHECKS: usize = 256;
 /// Greatest number of different materials, and of different levels, taken from the arguments of a task's checks.
-const MOST_NAMED: usize = 8;
+const MAX_NAMED: usize = 8;
 
 /// The scores of an empty log on each check of a task, and the most that a single block earns beyond them.
 #[derive(Debug, Clone, PartialEq)]
@@ -146,14 +146,14 @@ fn scores(
 /// Adds the materials and the levels that arguments contain and that are not listed yet.
 fn name_all(args: &Value, materials: &mut Vec<String>, levels: &mut Vec<i32>) {
     match args {
-        Value::String(name) if materials.len() <= MOST_NAMED => {
+        Value::String(name) if materials.len() <= MAX_NAMED => {
             let example = BlockSet::try_from(name.clone()).map(BlockSet::example);
             let material = example.unwrap_or(name);
             if !materials.iter().any(|known| known == material) {
                 materials.push(material.to_owned());
             }
         }
-        Value::Number(number) if levels.len() < LEVELS.len() + MOST_NAMED => {
+        Value::Number(number) if levels.len() < LEVELS.len() + MAX_NAMED => {
             let level = number.as_i64().and_then(|level| i32::try_from(level).ok());
             levels.extend(level.filter(|level| (-2_000..=2_000).contains(level) && !levels.contains(level)));
         }
@@ -256,7 +256,7 @@ mod tests {
             serde_json::json!({ "fn": "material.is_made_of", "args": args })
         };
         let (mut materials, mut levels) = (vec!["stone".to_owned()], LEVELS.to_vec());
-        for _ in 0..=MOST_NAMED {
+        for _ in 0..=MAX_NAMED {
             name_all(&check("bricks", 4)["args"], &mut materials, &mut levels);
         }
         name_all(&check("glass", 7)["args"], &mut materials, &mut levels);

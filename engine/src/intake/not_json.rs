@@ -4,7 +4,7 @@
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// Greatest number of lists and objects within each other that the parser reads.
-const MOST_LEVELS: u32 = 127;
+const MAX_LEVELS: u32 = 127;
 
 /// Explains why a text is not JSON, where, and what to do about it.
 #[must_use]
@@ -22,7 +22,7 @@ pub fn why_not_json(text: &[u8], error: &serde_json::Error) -> String {
     if error.to_string().starts_with("recursion limit exceeded") {
         let (line, column) = (error.line(), error.column());
         return format!(
-            "too many brackets within each other at line {line} column {column}: at most {MOST_LEVELS} levels are read"
+            "too many brackets within each other at line {line} column {column}: at most {MAX_LEVELS} levels are read"
         );
     }
     match remedy(text, error) {

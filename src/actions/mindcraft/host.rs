@@ -11,13 +11,13 @@ use plumbline_engine::game::{Look, World};
 use plumbline_engine::text::did_you_mean;
 
 /// Greatest number of different notes, and of reasons of dropped calls, of a turn.
-pub const MOST_NOTES: usize = 50;
+pub const MAX_NOTES: usize = 50;
 /// Virtual time for which timers go on after the code has ended, in milliseconds.
 pub const AFTERWARDS_MS: u64 = 60_000;
 /// Greatest length of a note or reason, in characters.
 pub const NOTE_CHARS: usize = 300;
 /// Greatest number of names that are remembered.
-const MOST_LOOKS: usize = 2_000;
+const MAX_LOOKS: usize = 2_000;
 
 /// The world of a job, and what its turns tell.
 #[derive(Debug, Default)]
@@ -65,7 +65,7 @@ impl Host {
     pub fn note(&mut self, text: &str) {
         let text = shortened(text);
         let notes = &mut self.told.notes;
-        match notes.len().cmp(&MOST_NOTES) {
+        match notes.len().cmp(&MAX_NOTES) {
             _ if notes.contains(&text) => {}
             Ordering::Less => notes.push(text),
             Ordering::Equal => notes.push("… more notes are left out".to_owned()),
@@ -77,7 +77,7 @@ impl Host {
     pub fn drop_call(&mut self, reason: &str) {
         let dropped = &mut self.told.dropped;
         let mut reason = shortened(reason);
-        if dropped.len() >= MOST_NOTES && !dropped.contains_key(&reason) {
+        if dropped.len() >= MAX_NOTES && !dropped.contains_key(&reason) {
             "other reasons".clone_into(&mut reason);
         }
         *dropped.entry(reason).or_default() += 1;
@@ -107,7 +107,7 @@ impl Host {
             Some(look) => *look,
             None => match Look::read(block) {
                 Ok(look) => {
-                    if self.looks.len() < MOST_LOOKS {
+                    if self.looks.len() < MAX_LOOKS {
                         self.looks.insert(block.to_owned(), look);
                     }
                     look
@@ -143,7 +143,7 @@ impl Host {
         let verb = if object == "bot" { "is not simulated" } else { "does not exist" };
         self.note(&format!("{path} {verb}{suggestion}"));
         let missing = Missing { path: path.clone(), suggestion };
-        if self.missing_names.len() < MOST_LOOKS {
+        if self.missing_names.len() < MAX_LOOKS {
             self.missing_names.insert(path, missing.clone());
         }
         self.missing = Some(missing);

@@ -12,7 +12,7 @@ mod modules;
 mod naming;
 mod recording;
 
-pub use host::{AFTERWARDS_MS, MOST_NOTES, NOTE_CHARS};
+pub use host::{AFTERWARDS_MS, MAX_NOTES, NOTE_CHARS};
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -31,7 +31,7 @@ use plumbline_engine::text::counted;
 use recording::{apply, record, state_of, world_of};
 
 /// Greatest number of errors that a turn tells.
-pub const MOST_ERRORS: usize = 20;
+pub const MAX_ERRORS: usize = 20;
 
 /// Stack of the engine, in bytes: models write recursive functions.
 pub const STACK_BYTES: usize = 4 << 20;
@@ -150,11 +150,11 @@ fn run_files(
             break;
         }
     }
-    if errors.len() > MOST_ERRORS {
-        let more = counted(errors.len() - MOST_ERRORS, "further error");
+    if errors.len() > MAX_ERRORS {
+        let more = counted(errors.len() - MAX_ERRORS, "further error");
         host.borrow_mut().note(&format!("{more} left out"));
     }
-    errors.truncate(MOST_ERRORS);
+    errors.truncate(MAX_ERRORS);
     let mut errors = errors.into_iter();
     replayed.error = errors.next();
     replayed.more_errors = errors.collect();

@@ -4,7 +4,7 @@ use rquickjs::Ctx;
 
 const EXPORT: &str = "export default";
 /// Number of functions that a hint names.
-const MOST_NAMED: usize = 3;
+const MAX_NAMED: usize = 3;
 
 /// Action code as a script. Its lines and columns are those of the code.
 #[derive(Debug, PartialEq, Eq)]
@@ -89,7 +89,7 @@ pub fn functions_of(ctx: &Ctx<'_>, code: &str) -> Vec<String> {
             // The name is a reserved word; the exception must be cleared from the engine.
             Err(_) => drop(ctx.catch()),
         }
-        if found.len() == MOST_NAMED {
+        if found.len() == MAX_NAMED {
             break;
         }
     }

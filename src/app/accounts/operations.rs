@@ -9,7 +9,7 @@ use crate::store::overview::QueueRow;
 use crate::store::quota::QuotaRow;
 
 /// Greatest number of rows of each list.
-pub const MOST: usize = 200;
+pub const MAX_LISTED: usize = 200;
 
 /// Overview of the service.
 #[derive(Debug)]
@@ -34,7 +34,8 @@ pub async fn overview(app: &App, caller: &Caller) -> AppResult<Overview> {
     let mut keys: Vec<KeyRow> = app.store.keys().await?.into_iter().filter(|key| key.is_live(now)).collect();
     keys.sort_by_key(|key| std::cmp::Reverse((key.last_used_at_ms, key.created_at_ms)));
     let live_keys = keys.len();
-    keys.truncate(MOST);
-    let (queue, quotas) = (app.store.queue_by_owner(now, MOST as i64).await?, app.store.quotas(MOST as i64).await?);
+    keys.truncate(MAX_LISTED);
+    let (queue, quotas) =
+        (app.store.queue_by_owner(now, MAX_LISTED as i64).await?, app.store.quotas(MAX_LISTED as i64).await?);
     Ok(Overview { queue, keys, live_keys, quotas })
 }

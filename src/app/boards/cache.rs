@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use uuid::Uuid;
 
-use crate::app::aside::aside;
+use crate::app::blocking::blocking;
 use crate::app::error::AppResult;
 use crate::store::Store;
 use crate::store::boards::{ActionRow, BoardCursor, BoardUpdate, Revealed};
@@ -349,7 +349,7 @@ impl Boards {
         let board = known.map_or_else(|| Arc::new(empty(entry, least_coverage)), |kept| kept.board);
         let news = store.board_update(suite_id, &entry.suite.tasks, board.read).await?;
         // Each new row is compared with all others, which takes a while for thousands of them.
-        let board = aside(move || Ok(board.with(news))).await?;
+        let board = blocking(move || Ok(board.with(news))).await?;
         let kept = Kept { board: Arc::clone(&board), runs_ended, since: Instant::now() };
         self.kept.write().unwrap_or_else(PoisonError::into_inner).insert(suite_id.to_owned(), kept);
         Ok(board)

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::app::App;
 use crate::app::error::{AppError, AppResult};
 use crate::app::paging::page_items;
-use crate::app::submissions::posted::near_tasks;
+use crate::app::task_ref::near_tasks;
 use plumbline_engine::builders::build;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::Task;

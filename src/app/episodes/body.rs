@@ -6,7 +6,7 @@ use crate::app::body::values::Json;
 use crate::app::body::{name, request_body};
 use crate::app::hidden::answer::hash;
 use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::{TaskRef, TaskShape};
+use crate::app::task_ref::{TaskRef, TaskShape};
 use crate::pictures::isometric::Corner;
 use plumbline_engine::intake::schema::{ActionCode, NewEvent};
 use plumbline_engine::intake::tolerant::{Integer, Texts};

@@ -10,7 +10,7 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::instances::{instance, instance_to_act_on};
 use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::most_blocks;
+use crate::app::submissions::log_size::most_blocks;
 use crate::clock::now_ms;
 use crate::clock::steady::is_doubted;
 use crate::store::episodes::{Attempt, EpisodeRow, pack, unpack};

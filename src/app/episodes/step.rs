@@ -14,7 +14,7 @@ use crate::actions::job::{Job, TurnInput};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::aside::aside;
+use crate::app::blocking::blocking;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
 use crate::app::limits::LIMITS;
@@ -89,7 +89,7 @@ pub async fn make_step(
     let (view, corner, limits) = (new.view, new.picture, app.limits);
     // As many pictures are drawn at once as at their own route.
     let slot = if corner.is_some() { Some(app.file_slots.take(caller.who()).await) } else { None };
-    let stepped = aside(move || {
+    let stepped = blocking(move || {
         let _slot = slot;
         let (member, done) = given.map_or(("action_code", done), |given| ("events", given));
         let mut log = episode.stored.log()?;
@@ -139,7 +139,7 @@ pub(super) async fn keep_step(
     let (id, step) = (episode.row.id.clone(), episode.row.step + 1);
     let (hash, answer) = (last.hash.clone(), last.answer.clone());
     episode.stored.last = Some(last);
-    let state = aside(move || episode.stored.packed()).await?;
+    let state = blocking(move || episode.stored.packed()).await?;
     if app.store.advance_episode(&id, step, &state).await? {
         return Ok(answer);
     }

@@ -9,7 +9,7 @@ use super::state::{Episode, EpisodeState, LastStep};
 use super::step::{hash_of, keep_step};
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::aside::aside;
+use crate::app::blocking::blocking;
 use crate::app::error::{AppError, AppResult};
 use crate::app::hidden::instances::{AcceptedAnswer, answer_replayed};
 use crate::app::submissions::accept::accept_replayed;
@@ -44,7 +44,7 @@ pub async fn next_turn(
     if episode.stored.turn >= turns {
         return Err(AppError::conflict("last-turn", format!("turn {turns} is the last; submit the episode")));
     }
-    let episode = aside(move || {
+    let episode = blocking(move || {
         let mut log = episode.stored.log()?;
         log.turns.push(Vec::new());
         episode.stored.turn += 1;
@@ -100,7 +100,7 @@ pub async fn submit(
     }
     let (mut stored, turns) = (episode.stored, episode.prompts.len());
     let told = std::mem::take(&mut stored.told);
-    let mut body = aside(move || {
+    let mut body = blocking(move || {
         let mut log = stored.log()?;
         log.turns.resize(turns, Vec::new());
         Ok(json!({ "turns": log.compact_turns(), "profile": Profile::Mindcraft }))
@@ -149,5 +149,5 @@ pub async fn submit(
 }
 
 async fn text(body: Value) -> AppResult<Bytes> {
-    aside(move || Ok(Bytes::from(body.to_string()))).await
+    blocking(move || Ok(Bytes::from(body.to_string()))).await
 }

@@ -13,11 +13,11 @@ use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult, Kind};
-use crate::app::limits::LIMITS;
 use crate::app::replay::complete_log;
 use crate::app::submissions::decision::decide_all;
+use crate::app::submissions::log_size::check_against_prompts;
 use crate::app::submissions::posted::Format;
-use crate::clock::steady::is_doubted;
+use crate::clock::steady::{is_doubted, steady_now_ms};
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::HIDDEN_SUITE;
@@ -32,9 +32,7 @@ use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::not_json::why_not_json;
 use plumbline_engine::tasks::{Task, hex};
-use plumbline_engine::text::{agreeing, counted};
 use plumbline_engine::voxel::BlockLog;
-use plumbline_engine::voxel::replay::Replay;
 
 /// An instance as its entrant sees it: the prompts, without the checks.
 #[derive(Debug)]
@@ -187,7 +185,7 @@ pub async fn answer_replayed(
         .then(|| serde_json::to_string(&action_code).expect("replays are strings and numbers"));
     let (issued, by) = (instance.clone(), caller.clone());
     let prepared = tokio::task::spawn_blocking(move || {
-        check_form(&sent.log, &task, &mut faults);
+        check_against_prompts(&sent.log, task.turns.len(), &mut faults);
         if !faults.is_empty() {
             return Err(AppError::faulty(faults));
         }
@@ -195,11 +193,12 @@ pub async fn answer_replayed(
     });
     let submission = prepared.await.map_err(|error| AppError::internal(&error))??;
     let new = NewAnswer { instance_id: id, submission: &submission, transcript_hash: transcript_sha256.as_deref() };
-    let (receipt, is_repeated) = match app.store.answer_instance(&new, decide_answer, decide_all, now_ms()).await? {
-        Answered::New(receipt) => (Some(receipt), false),
-        Answered::Same(receipt) => (receipt, true),
-        Answered::Refused(refusal) => return Err(refused(app, refusal, &instance).await?),
-    };
+    let (receipt, is_repeated) =
+        match app.store.answer_instance(&new, decide_answer, decide_all, steady_now_ms()).await? {
+            Answered::New(receipt) => (Some(receipt), false),
+            Answered::Same(receipt) => (receipt, true),
+            Answered::Refused(refusal) => return Err(refused(app, refusal, &instance).await?),
+        };
     let receipt = given(receipt.as_deref())?;
     Ok(AcceptedAnswer { log_sha256: submission.log_hash, is_repeated, receipt, action_code })
 }
@@ -256,25 +255,6 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
             AppError::new(Kind::QuotaUsedUp, detail)
         }
     })
-}
-
-/// Adds the faults in the form of a log. They depend only on the log and the number of turns, so they reveal nothing
-/// about the checks.
-fn check_form(log: &BlockLog, task: &Task, faults: &mut Faults) {
-    if log.turns.len() != task.turns.len() {
-        let (found, wanted) = (log.turns.len(), task.turns.len());
-        faults.add_at("turns", format!("found {}; expected {wanted}, one for each prompt", counted(found, "turn")));
-        return;
-    }
-    let most = LIMITS.blocks_with_stress;
-    if log.event_count() > most
-        && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
-    {
-        faults.add_at(
-            "turns",
-            format!("{} after a turn; at most {most} are allowed", agreeing(blocks, "block stands", "blocks stand")),
-        );
-    }
 }
 
 fn new_submission(

@@ -9,13 +9,13 @@ use super::given_task::GivenTask;
 use super::grader::{Deadline, Graded, Until};
 use super::in_time::{GRADED_WITHIN, code_in_time, graded_in_time};
 use super::model_text::{AnswerBody, log_in_texts};
-use super::named_task::NamedTask;
 use super::reading::read_request;
 use super::request::{Detail, GivenWork, GradeRequest};
 use super::results::{Outcome, Work};
+use super::task_member::NamedTask;
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
-use crate::app::aside::aside;
+use crate::app::blocking::blocking;
 use crate::app::catalogue::suites::no_suite;
 use crate::app::error::{AppError, AppResult};
 use crate::app::event_budget::EventBudget;
@@ -23,7 +23,7 @@ use crate::app::limits::LIMITS;
 use crate::app::replay::{complete_log_within, take_permit};
 use crate::app::rewards::score::{CheckScore, GradeBody, Timings, UnmeasuredCheck};
 use crate::app::structure_files::{ORDER_IS_CHECKED, open_files};
-use crate::app::submissions::posted::{check_against_task, most_blocks, most_blocks_of_model};
+use crate::app::submissions::log_size::{check_against_task, most_blocks, most_blocks_of_model};
 use plumbline_engine::checks::{CHECKS_VERSION, Dimension};
 use plumbline_engine::grading::cost::{Cost, cost};
 use plumbline_engine::grading::reward::{RewardComponents, Scheme};
@@ -125,7 +125,7 @@ impl ReadRequest {
     /// Returns 422 if the log does not fit the task or its code reached a limit, 429 if too much code waits, 503 or 504 if
     /// code waits and runs too long, and 500 if code cannot be run. A faulty text of a model is no error, but earns a reward of 0.
     pub async fn prepare(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
-        let found = if self.is_small() { self.find_log()? } else { aside(move || self.find_log()).await? };
+        let found = if self.is_small() { self.find_log()? } else { blocking(move || self.find_log()).await? };
         if !found.has_code() {
             return found.prepare(app, who).await;
         }
@@ -139,7 +139,7 @@ impl ReadRequest {
     /// # Errors
     /// Returns the same errors as [`Self::prepare`], except 429.
     pub async fn prepare_in_turn(self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
-        aside(move || self.find_log()).await?.prepare(app, who).await
+        blocking(move || self.find_log()).await?.prepare(app, who).await
     }
 
     /// Finds the log in the texts of a model, or takes the log that was sent.
@@ -200,7 +200,7 @@ impl Found {
         if self.sent.log.event_count() <= INSTANT_EVENTS {
             return self.finish(replays, faults);
         }
-        aside(move || self.finish(replays, faults)).await
+        blocking(move || self.finish(replays, faults)).await
     }
 
     /// Checks the log against its task.

@@ -43,9 +43,9 @@ const BASELINES: usize = 4_096;
 /// Time that grading took: the series is looked up once, and not for each log.
 static GRADE_SECONDS: LazyLock<Histogram> = LazyLock::new(|| metrics::histogram!("plumbline_grade_seconds"));
 
-/// Lane in which work is done.
+/// Length of a piece of work, which decides by which threads it is done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lane {
+pub enum Length {
     /// Work that takes up to about half a second.
     Short,
     /// Work that takes longer.
@@ -181,14 +181,14 @@ impl Grader {
         admitted(&self.batches, who, "batches")
     }
 
-    /// Runs work in a lane when the sender gets a slot. If the caller goes away, the work is not begun, or is asked to
+    /// Runs work on the threads for its length when the sender gets a slot. If the caller goes away, the work is not begun, or is asked to
     /// end.
     ///
     /// # Errors
     /// Returns 504 if no slot is free in time, and otherwise the error of the work.
     pub async fn run<T: Send + 'static>(
         &self,
-        lane: Lane,
+        length: Length,
         who: &Arc<str>,
         deadline: Deadline,
         work: impl FnOnce(&Until) -> AppResult<T> + Send + 'static,
@@ -196,9 +196,9 @@ impl Grader {
         let mut until = Until::within(deadline.work);
         let _guard = until.left.clone().drop_guard();
         let wait = deadline.wait.map_or(until.deadline, |wait| Instant::now() + wait);
-        let threads = match lane {
-            Lane::Short => &self.short,
-            Lane::Long => &self.long,
+        let threads = match length {
+            Length::Short => &self.short,
+            Length::Long => &self.long,
         };
         let slot = tokio::time::timeout_at(wait.into(), threads.slots.take(who)).await;
         let Ok(slot) = slot else { return Err(too_late()) };
@@ -216,7 +216,7 @@ impl Grader {
         answered.await.map_err(|error| AppError::internal(&error))?
     }
 
-    /// Ensures that the baseline of a task is known; computes it in the long lane if necessary.
+    /// Ensures that the baseline of a task is known; computes it on the threads for long work if necessary.
     ///
     /// # Errors
     /// Returns 504 if the deadline passes, and 503 if the service stops.
@@ -230,7 +230,7 @@ impl Grader {
             return Ok(());
         }
         let (grader, given) = (Arc::clone(self), given.clone());
-        self.run(Lane::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
+        self.run(Length::Long, who, deadline, move |until| grader.baseline(&given, until).map(|_| ())).await
     }
 
     /// Returns the numbers of the tasks among these that a log can earn more for than one that does nothing, which the
@@ -281,25 +281,25 @@ impl Grader {
         Ok(baseline)
     }
 
-    /// Grades a log: on this thread if that is quick, or else in a lane when the sender gets a slot.
+    /// Grades a log: on this thread if that is quick, or else on the threads for its length when the sender gets a slot.
     ///
     /// # Errors
     /// Returns 504 if the deadline passes, 503 if the service stops, and 500 if grading fails; never a score.
     pub async fn grade(self: &Arc<Self>, work: &Arc<Work>, deadline: Deadline, who: &Arc<str>) -> AppResult<Graded> {
         let (task, hash) = work.task()?;
-        let (lane, cores) = match cost(task, &work.log) {
+        let (length, cores) = match cost(task, &work.log) {
             Cost::Immediate if self.connections.open() <= FEW_CONNECTIONS => {
                 return self.grade_on(Cores::One, work, &Until::within(deadline.work));
             }
-            Cost::Immediate | Cost::Short => (Lane::Short, Cores::One),
-            // The threads of the lane that are idle share the work.
-            Cost::Long => (Lane::Long, Cores::Idle),
+            Cost::Immediate | Cost::Short => (Length::Short, Cores::One),
+            // The threads for long work that are idle share the work.
+            Cost::Long => (Length::Long, Cores::Idle),
         };
         if let Some(kept) = self.kept(work, hash) {
             return Ok(kept);
         }
         let (grader, work) = (Arc::clone(self), Arc::clone(work));
-        self.run(lane, who, deadline, move |until| grader.grade_on(cores, &work, until)).await
+        self.run(length, who, deadline, move |until| grader.grade_on(cores, &work, until)).await
     }
 
     /// Grades a log on this thread, however long it takes.
@@ -360,7 +360,7 @@ impl Grader {
     }
 }
 
-/// Logs a panic in a lane; the caller gets the error that the service failed.
+/// Logs a panic of such work; the caller gets the error that the service failed.
 pub fn note_panic(_panic: Box<dyn std::any::Any + Send>) {
     tracing::error!("work for a request panicked");
 }

@@ -1,12 +1,12 @@
 //! Reads requests to grade: in one quick pass if they look as trainers' programs write them, otherwise thoroughly, with
 //! all their faults.
 
-use super::named_task::NamedTask;
 use super::request::{DEADLINES, GradeRequest, NewGrade, detail_named};
 use super::scheme::scheme_named;
+use super::task_member::NamedTask;
 use crate::app::body::{NAME_CHARS, read_body};
 use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::{TASK_CHARS, TaskRef};
+use crate::app::task_ref::{TASK_CHARS, TaskRef};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::quick::Scanner;
 use plumbline_engine::voxel::Profile;

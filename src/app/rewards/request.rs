@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::named_task::{GivenTaskBody, NamedTask, NamedTaskShape};
 use super::scheme::{SchemeBody, read_scheme};
+use super::task_member::{GivenTaskBody, NamedTask, NamedTaskShape};
 use crate::app::body::values::Json;
 use crate::app::body::{name, profile, request_body};
 use crate::app::limits::LIMITS;

@@ -11,7 +11,7 @@ use crate::app::body::{agent_name, name, request_body};
 use crate::app::cards::card::Card;
 use crate::app::cards::reading::read_card;
 use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::{TaskRef, TaskShape};
+use crate::app::task_ref::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Read, Scalar, Shape};
 use plumbline_engine::tasks::Track;

@@ -5,7 +5,7 @@ use super::read::stored;
 use crate::app::App;
 use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
-use crate::app::submissions::posted::TaskRef;
+use crate::app::task_ref::TaskRef;
 use crate::clock::now_ms;
 use crate::store::keys::Scope;
 use crate::store::run_rows::{RunRow, Skip};

@@ -8,7 +8,8 @@ use sha2::{Digest as _, Sha256};
 use uuid::Uuid;
 
 use super::decision::{answers, decide_all, lane_of};
-use super::posted::{Format, Posted, PostedSubmission, check_against_task, most_blocks, read_submissions};
+use super::log_size::{check_against_task, most_blocks};
+use super::posted::{Format, Posted, PostedSubmission, read_submissions};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::App;
 use crate::app::access::Caller;

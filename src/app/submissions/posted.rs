@@ -1,23 +1,15 @@
-//! Bodies of submissions: their parser, JSON or NDJSON, references to tasks, and the check of a log against its task.
+//! Bodies of submissions, JSON or NDJSON.
 
 use super::log_member::{stored_log, turns};
 use crate::actions::turn_replay::TurnReplay;
 use crate::app::body::{name, profile, read_body, request_body};
 use crate::app::limits::LIMITS;
-use plumbline_engine::checks::Criterion;
+use crate::app::task_ref::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::not_json::{on_its_line, why_not_json};
 use plumbline_engine::intake::schema::{NewTurn, StoredLogBody};
-use plumbline_engine::intake::tolerant::{Scalar, Shape, Text};
-use plumbline_engine::tasks::Task;
-use plumbline_engine::tasks::catalogue::Entry;
-use plumbline_engine::text::{agreeing, counted, did_you_mean};
-use plumbline_engine::voxel::replay::Replay;
-use plumbline_engine::voxel::{BlockLog, Event, Profile};
-
-/// Characters in the identifier of a task. Those that exist are shorter.
-pub const TASK_CHARS: usize = LIMITS.task_chars;
+use plumbline_engine::voxel::Profile;
 
 /// Format of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,63 +18,6 @@ pub enum Format {
     Json,
     /// One JSON document per line.
     NdJson,
-}
-
-/// Reference to a task of a suite.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
-#[serde(untagged)]
-#[schema(as = TaskName)]
-pub enum TaskRef {
-    /// Identifier of the task.
-    #[schema(example = "walls/5x1x5-raise")]
-    Id(String),
-    /// Number of the task in the suite.
-    Number(u32),
-}
-
-impl TaskRef {
-    /// Returns the number of the task in a suite; adds a fault at `task` if there is no such task.
-    pub fn number_in(&self, entry: &Entry, faults: &mut Faults) -> Option<u32> {
-        self.find_in(entry).map_err(|why| faults.add_at("task", why)).ok()
-    }
-
-    /// Returns the number of the task in a suite.
-    ///
-    /// # Errors
-    /// Returns the reason in words if there is no such task.
-    pub fn find_in(&self, entry: &Entry) -> Result<u32, String> {
-        let found = match self {
-            Self::Id(id) => entry.task(id),
-            Self::Number(number) => entry.task_numbered(*number),
-        };
-        found.map(|(task, _)| task.number).ok_or_else(|| {
-            let named = match self {
-                Self::Id(id) => format!("{id:?}"),
-                Self::Number(number) => format!("number {number}"),
-            };
-            let near = match self {
-                Self::Id(id) => match id.parse().ok().and_then(|number| entry.task_numbered(number)) {
-                    Some((task, _)) => {
-                        format!("; for the task with this number, give {} as a number, not as a text", task.number)
-                    }
-                    None => near_tasks(entry, id),
-                },
-                Self::Number(_) => String::new(),
-            };
-            format!("{} has no task {named}; /v1/tasks lists them{near}", entry.id)
-        })
-    }
-}
-
-/// Suggests tasks, or families, that a wrong identifier may have meant, in words.
-#[must_use]
-pub fn near_tasks(entry: &Entry, id: &str) -> String {
-    let family = &id.split('/').next().unwrap_or_default().to_lowercase();
-    let tasks = &entry.suite.tasks;
-    let of_family = tasks.iter().filter(|task| task.family() == family).map(|task| task.id.as_str());
-    let found = did_you_mean(id, of_family);
-    let families: std::collections::BTreeSet<&str> = tasks.iter().map(Task::family).collect();
-    if found.is_empty() && !families.contains(family.as_str()) { did_you_mean(family, families) } else { found }
 }
 
 request_body! {
@@ -218,83 +153,4 @@ fn is_one_over_lines(text: &[u8]) -> bool {
     let is_json = |text: &[u8]| serde_json::from_slice::<serde::de::IgnoredAny>(text).is_ok();
     let first = text.trim_ascii_start().split(|byte| *byte == b'\n').next().unwrap_or_default();
     matches!(first.trim_ascii(), b"{" | b"[") && is_json(text)
-}
-
-/// Shape of a reference to a task.
-#[derive(Debug)]
-pub struct TaskShape<'f> {
-    /// Collector of faults.
-    pub faults: &'f mut Faults,
-}
-
-impl Shape<'_> for TaskShape<'_> {
-    type Out = TaskRef;
-
-    fn wanted(&self) -> &'static str {
-        "a task: its id or its number"
-    }
-
-    fn faults(&mut self) -> &mut Faults {
-        self.faults
-    }
-
-    fn scalar(self, value: &Scalar<'_>) -> Option<TaskRef> {
-        let number = match value {
-            Scalar::Integer(number) => u32::try_from(*number).ok(),
-            Scalar::Number(number) if number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(number) => {
-                Some(*number as u32)
-            }
-            _ => None,
-        };
-        if let Some(number) = number {
-            return Some(TaskRef::Number(number));
-        }
-        match value {
-            text @ Scalar::Text(_) => {
-                Text { faults: self.faults, min_chars: 1, max_chars: TASK_CHARS }.scalar(text).map(TaskRef::Id)
-            }
-            other => {
-                self.faults.add(format!(
-                    "expected a task's id (a string) or its number, from 1, found {other}; /v1/tasks lists them"
-                ));
-                None
-            }
-        }
-    }
-}
-
-/// Returns the greatest number of blocks that may stand after a turn of a task.
-#[must_use]
-pub fn most_blocks(task: &Task) -> usize {
-    let has_stress = task.checks().any(|check| check.criterion() == Criterion::StructuralStability);
-    if has_stress { LIMITS.blocks_with_stress } else { LIMITS.blocks }
-}
-
-/// The same for what a model wrote where a request waits for the grade: no model may make it run out of time, which would
-/// be no reward instead of a low one.
-#[must_use]
-pub fn most_blocks_of_model(task: &Task) -> usize {
-    let most = most_blocks(task);
-    if most == LIMITS.blocks_with_stress { LIMITS.grade_blocks_with_stress } else { most }
-}
-
-/// Adds the faults of a log that depend on its task: the number of turns, and the number of blocks, of which at most
-/// `most` may stand.
-pub fn check_against_task(log: &BlockLog, task: &Task, most: usize, faults: &mut Faults) {
-    if log.turns.len() != task.turns.len() {
-        let (found, wanted) = (log.turns.len(), task.turns.len());
-        let found = counted(found, "turn");
-        let detail = format!("{found}; the task has {wanted} (a turn in which nothing was done is {{\"events\": []}})");
-        faults.add_at("turns", detail);
-        return;
-    }
-    let placed = log.turns.iter().flatten().filter(|event| matches!(event, Event::Place { .. })).count();
-    // Replaying is expensive; a log with few placements cannot exceed the limit.
-    if placed > most
-        && let Some(blocks) = Replay::new(log).map(|structure| structure.len()).find(|blocks| *blocks > most)
-    {
-        let stand = agreeing(blocks, "block stands", "blocks stand");
-        let kind = if most < LIMITS.blocks { " of a task with a stress simulation" } else { "" };
-        faults.add_at("turns", format!("{stand} after a turn{kind}; at most {most} are allowed"));
-    }
 }

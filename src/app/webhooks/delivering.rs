@@ -287,7 +287,7 @@ fn spread(pause: Duration, id: &str) -> i64 {
 
 /// Describes a failure with its causes, each once, without the address, whose query may hold a secret.
 fn without_url(error: reqwest::Error) -> String {
-    const MOST_CHARS: usize = 500;
+    const MAX_CHARS: usize = 500;
     let error = error.without_url();
     let mut told = error.to_string();
     let mut cause = std::error::Error::source(&error);
@@ -299,5 +299,5 @@ fn without_url(error: reqwest::Error) -> String {
         }
         cause = next.source();
     }
-    told.chars().take(MOST_CHARS).collect()
+    told.chars().take(MAX_CHARS).collect()
 }

@@ -11,6 +11,7 @@ use crate::app::limits::LIMITS;
 use crate::app::paging::{Page, page_items};
 use crate::clock::{DAY_MS, now_ms};
 use crate::store::deliveries::{DeliveryRow, NewDelivery};
+use crate::store::states::DeliveryState;
 use crate::store::webhooks::{Enabling, NewWebhook, WebhookChange, WebhookRow};
 use plumbline_engine::intake::Faults;
 
@@ -138,7 +139,7 @@ pub async fn deliveries(
     app: &App,
     caller: &Caller,
     id: &str,
-    state: Option<&str>,
+    state: Option<DeliveryState>,
     before: Option<&str>,
     limit: Option<u32>,
 ) -> AppResult<Page<DeliveryRow>> {

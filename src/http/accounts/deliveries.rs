@@ -13,28 +13,7 @@ use crate::clock::rfc3339;
 use crate::http::extract::params::Params;
 use crate::http::state::AppState;
 use crate::store::deliveries::DeliveryRow;
-
-/// State of a delivery.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum DeliveryState {
-    /// Another attempt follows.
-    Pending,
-    /// The endpoint accepted the message.
-    Delivered,
-    /// All attempts failed, or the endpoint wants no more messages.
-    Dead,
-}
-
-impl DeliveryState {
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Pending => "pending",
-            Self::Delivered => "delivered",
-            Self::Dead => "dead",
-        }
-    }
-}
+use crate::store::states::DeliveryState;
 
 /// A delivery to a webhook.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -46,8 +25,7 @@ pub struct DeliveryBody {
     #[schema(example = "run.finished")]
     pub event: String,
     /// State of the delivery.
-    #[schema(value_type = DeliveryState)]
-    pub state: String,
+    pub state: DeliveryState,
     /// Number of attempts since it was stored, or since it was last delivered again.
     #[schema(minimum = 0)]
     pub attempts: i64,
@@ -72,7 +50,7 @@ pub struct DeliveryBody {
 impl From<DeliveryRow> for DeliveryBody {
     fn from(row: DeliveryRow) -> Self {
         Self {
-            next_at: (row.state == DeliveryState::Pending.name()).then(|| rfc3339(row.next_at_ms)),
+            next_at: (row.state == DeliveryState::Pending).then(|| rfc3339(row.next_at_ms)),
             id: row.id,
             event: row.event,
             state: row.state,
@@ -132,7 +110,6 @@ pub async fn list_deliveries(
     Params(query): Params<DeliveriesQuery>,
 ) -> AppResult<Json<DeliveryPage>> {
     let DeliveriesQuery { state: wanted, before, limit } = query;
-    let wanted = wanted.map(DeliveryState::name);
     let page = manage::deliveries(&state, &caller, &id, wanted, before.as_deref(), limit).await?;
     let next_before = page.next(|last| last.id.clone());
     Ok(Json(DeliveryPage { deliveries: page.items.into_iter().map(DeliveryBody::from).collect(), next_before }))

@@ -10,7 +10,7 @@ use crate::clock::rfc3339;
 use crate::http::state::AppState;
 
 /// Greatest number of entries on the page; the API lists all.
-const MOST: usize = 200;
+const MAX_ENTRIES: usize = 200;
 
 /// Something that was done to a row.
 struct Entry {
@@ -36,7 +36,7 @@ struct LogPage {
 /// Returns a 404 error if the suite does not exist.
 pub async fn page(State(state): State<AppState>, Path(suite): Path<String>) -> PageResult {
     let board = read::board(&state, &suite).await?;
-    let entries = board.actions.iter().rev().take(MOST).map(|action| Entry {
+    let entries = board.actions.iter().rev().take(MAX_ENTRIES).map(|action| Entry {
         at: rfc3339(action.at_ms),
         run: action.run_id.clone(),
         agent: board.shown_name(&action.run_id).unwrap_or("a run").to_owned(),

@@ -336,7 +336,7 @@ pub fn picture_on_ground(structure: &Structure) -> String {
 fn drawn(structure: &Structure, has_ground: bool) -> String {
     let blocks = (0..structure.len()).map(|i| (structure.cells()[i].into(), structure.material(i))).collect();
     let corner = isometric::Corner::default();
-    isometric::svg(&isometric::Scene { blocks, dug: Vec::new(), most: isometric::MOST, corner, has_ground })
+    isometric::svg(&isometric::Scene { blocks, dug: Vec::new(), most: isometric::MAX_BLOCKS, corner, has_ground })
 }
 
 /// Serves a submission's evidence as a download: one self-contained file.

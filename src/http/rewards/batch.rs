@@ -24,7 +24,7 @@ use crate::app::access::Caller;
 use crate::app::error::{AppError, AppResult};
 use crate::app::limits::LIMITS;
 use crate::app::rewards::grade::ReadRequest;
-use crate::app::rewards::grader::{Deadline, Lane, Until};
+use crate::app::rewards::grader::{Deadline, Length, Until};
 use crate::app::rewards::request::NewGrade;
 use crate::app::rewards::score::GradeBody;
 use crate::app::submissions::posted::Format;
@@ -135,15 +135,15 @@ struct Batch {
     chunk: usize,
     /// The first log that no worker has taken.
     next: AtomicUsize,
-    /// Permits to grade outside the time slices. Whoever waits for one does not wait in a lane, where time counts.
+    /// Permits to grade outside the time slices. Whoever waits for one takes no slot meanwhile, where time counts.
     grading: Semaphore,
 }
 
-/// What a time slice on the short lane did.
+/// What a time slice on the threads for short work did.
 #[derive(Default)]
 struct Slice {
     lines: Vec<u8>,
-    /// Logs that the short lane cannot finish: they have action code, or take long.
+    /// Logs that a time slice cannot finish: they have action code, or take long.
     slow: Vec<usize>,
     /// The rest of the last chunk, which the time slice was too short for.
     begun: Range<usize>,
@@ -169,7 +169,7 @@ impl Batch {
                 // A slice that begins late has as long as any other.
                 let patience = Deadline { work: patience, wait: Some(patience) };
                 let work = move |until: &Until| Ok(batch.grade_slice(chunk, until));
-                let slice = match self.state.grader.run(Lane::Short, &self.who, patience, work).await {
+                let slice = match self.state.grader.run(Length::Short, &self.who, patience, work).await {
                     Ok(slice) => slice,
                     Err(error) => {
                         let mut slice = Slice { begun: left.end..left.end, ..Slice::default() };

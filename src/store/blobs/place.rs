@@ -21,7 +21,7 @@ const CONNECT: Duration = Duration::from_secs(3);
 /// Time after which a failed request to a bucket is not tried again.
 const RETRIES: Duration = Duration::from_secs(6);
 /// Number of times that a request to a bucket is tried again.
-const MOST_RETRIES: usize = 3;
+const MAX_RETRIES: usize = 3;
 
 /// Place of blobs. Its text is a URL without secrets: credentials of a bucket come from the environment.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -56,11 +56,8 @@ impl BlobPlace {
                 Ok(Arc::new(files.with_fsync(true)))
             }
             Self::Bucket { name, prefix } => {
-                let retries = RetryConfig {
-                    backoff: BackoffConfig::default(),
-                    max_retries: MOST_RETRIES,
-                    retry_timeout: RETRIES,
-                };
+                let retries =
+                    RetryConfig { backoff: BackoffConfig::default(), max_retries: MAX_RETRIES, retry_timeout: RETRIES };
                 use_tls();
                 let bucket = AmazonS3Builder::from_env()
                     .with_bucket_name(name)

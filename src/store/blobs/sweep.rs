@@ -24,7 +24,7 @@ const DAYS: i64 = 2;
 /// Object that holds the token of the last sweep.
 const TOKEN: &str = "plumbline.sweep";
 /// Number of tokens that a database remembers to have written.
-const MOST_TOKENS: usize = 8;
+const MAX_TOKENS: usize = 8;
 
 /// What a sweep came to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -121,7 +121,7 @@ impl Store {
         }
         let next = uuid::Uuid::new_v4().to_string();
         tokens.push(&next);
-        let kept = &tokens[tokens.len().saturating_sub(MOST_TOKENS)..];
+        let kept = &tokens[tokens.len().saturating_sub(MAX_TOKENS)..];
         self.note(NOTED, &kept.join(" ")).await?;
         opened.put(&path, next.clone().into_bytes()).await?;
         self.note(OWNED, &now_ms.to_string()).await?;

@@ -79,7 +79,8 @@ pub(super) async fn open_in_memory() -> StoreResult<(Pool, Pool)> {
 /// Opens an existing file for reading alone.
 pub(super) async fn open_reading(file: &Path) -> StoreResult<Pool> {
     let options = SqliteConnectOptions::new().filename(file).read_only(true);
-    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await?;
+    // One reads a snapshot, the other looks up where large logs are.
+    let pool = SqlitePoolOptions::new().max_connections(2).connect_with(options).await?;
     Ok(Pool::Sqlite { pool, file: None })
 }
 

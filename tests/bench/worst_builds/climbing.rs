@@ -6,7 +6,7 @@ use rand_mt::Mt64;
 use super::strokes::{MATERIALS, Stroke};
 
 /// Greatest number of strokes.
-const MOST_STROKES: usize = 8;
+const MAX_STROKES: usize = 8;
 
 impl Stroke {
     fn lattice(steps: [[i32; 3]; 3], counts: [usize; 3]) -> Self {
@@ -142,11 +142,11 @@ pub fn changed(strokes: &[Stroke], most: usize, random: &mut Mt64) -> Vec<Stroke
     for _ in 0..=below(random, 2) {
         let which = below(random, strokes.len() as u64) as usize;
         match below(random, 10) {
-            0 if strokes.len() < MOST_STROKES => {
+            0 if strokes.len() < MAX_STROKES => {
                 let all = beginnings(most);
                 strokes.extend(all[below(random, all.len() as u64) as usize].iter().cloned());
             }
-            1 if strokes.len() < MOST_STROKES => {
+            1 if strokes.len() < MAX_STROKES => {
                 let mut copy = strokes[which].clone();
                 copy.from()[below(random, 3) as usize] += below(random, 9) as i32 - 4;
                 strokes.insert(0, copy);

@@ -18,7 +18,7 @@ use crate::support::database::is_postgres;
 const LONG_MS: i64 = 3_600_000;
 const SHORT_MS: i64 = 1;
 /// Greatest number of jobs that are claimed at once.
-const MOST: usize = 4;
+const MAX: usize = 4;
 
 impl Scene {
     /// Claims jobs, for long or as a worker that dies at once.
@@ -48,7 +48,7 @@ impl Scene {
             Claimed::Jobs(claims) => {
                 let taken: Vec<(&str, i64)> =
                     claims.iter().map(|claim| (claim.submission_id.as_str(), claim.attempt)).collect();
-                self.model.claim(lanes, &taken, held, MOST, !is_postgres() || held == Lease::Short);
+                self.model.claim(lanes, &taken, held, MAX, !is_postgres() || held == Lease::Short);
                 self.claims.extend(claims);
             }
         }
@@ -62,7 +62,7 @@ impl Scene {
             // A look at all jobs is due once the length of the lease has passed since the last one.
             tokio::time::sleep(Duration::from_millis(3)).await;
         }
-        self.store.claim(lanes, lease_ms, MOST).await.unwrap()
+        self.store.claim(lanes, lease_ms, MAX).await.unwrap()
     }
 
     pub(super) async fn state_of(&self, id: &str) -> SubmissionState {
@@ -92,7 +92,7 @@ impl Scene {
 
     pub(super) async fn record(&mut self) {
         let (mut graded, mut variants) = (Vec::new(), Vec::new());
-        for _ in 0..=self.below(MOST) {
+        for _ in 0..=self.below(MAX) {
             let Some(claim) = self.some_claim() else { break };
             // A worker does not bring a submission twice at once.
             if graded.iter().any(|(other, _): &(Claim, _)| other.submission_id == claim.submission_id) {
@@ -158,7 +158,7 @@ impl Scene {
     pub(super) async fn drain(&mut self, lanes: &[Lane]) {
         loop {
             tokio::time::sleep(Duration::from_millis(3)).await;
-            match self.store.claim(lanes, SHORT_MS, MOST).await.unwrap() {
+            match self.store.claim(lanes, SHORT_MS, MAX).await.unwrap() {
                 Claimed::Nothing => break,
                 Claimed::GivenUp => {}
                 Claimed::Jobs(claims) => {

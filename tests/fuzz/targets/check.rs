@@ -95,9 +95,9 @@ const OPTIONAL: [Optional; 42] = [
     ("alone", &["true", "false"]),
 ];
 /// Greatest number of blocks.
-const MOST: usize = 300;
+const MAX: usize = 300;
 /// Greatest number of blocks where stress is computed, which takes a thousand times as long as any other check.
-const MOST_STRESSED: usize = 20;
+const MAX_STRESSED: usize = 20;
 
 pub fn run(data: &[u8]) {
     let mut bytes = Unstructured::new(data);
@@ -121,7 +121,7 @@ fn scored(name: &str, bytes: &mut Unstructured<'_>) -> arbitrary::Result<()> {
     }
     let Some(check) = read(name, &arguments) else { return Ok(()) };
     let structure = build(bytes)?;
-    if name.starts_with("structural_stability") && structure.len() > MOST_STRESSED {
+    if name.starts_with("structural_stability") && structure.len() > MAX_STRESSED {
         return Ok(());
     }
     let found = || check.evaluate(&Subject::unhurried(&structure)).expect("nothing stops it");
@@ -183,7 +183,7 @@ fn build(bytes: &mut Unstructured<'_>) -> arbitrary::Result<Structure> {
     );
     let is_listed_twice = bytes.ratio(1, 8)?;
     let mut blocks: Vec<(Cell, &str)> = Vec::new();
-    while !bytes.is_empty() && blocks.len() < MOST {
+    while !bytes.is_empty() && blocks.len() < MAX {
         let mut at = || -> arbitrary::Result<[i32; 3]> {
             Ok([bytes.int_in_range(0..=side)?, bytes.int_in_range(low..=side)?, bytes.int_in_range(0..=side)?])
         };
@@ -206,7 +206,7 @@ fn build(bytes: &mut Unstructured<'_>) -> arbitrary::Result<Structure> {
             _ => blocks.push((one.into(), name)),
         }
     }
-    blocks.truncate(MOST);
+    blocks.truncate(MAX);
     if !is_listed_twice {
         let mut taken = BTreeSet::new();
         blocks.retain(|(cell, _)| taken.insert(*cell));

@@ -4,13 +4,13 @@ use plumbline_engine::game::World;
 use plumbline_engine::game::world::is_in_world;
 
 /// Greatest number of changes of the world.
-const MOST: usize = 20_000;
+const MAX: usize = 20_000;
 /// Greatest number of commands.
 const COMMANDS: usize = 20;
 
 pub fn run(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
-    let mut world = World::with_limit(MOST);
+    let mut world = World::with_limit(MAX);
     for line in text.lines().take(COMMANDS) {
         let before = world.changes().len();
         if world.command(line).is_err() {
@@ -18,6 +18,6 @@ pub fn run(data: &[u8]) {
         }
     }
     world.settle();
-    assert!(world.changes().len() <= MOST);
+    assert!(world.changes().len() <= MAX);
     assert!(world.built().all(|(cell, _)| is_in_world(cell)));
 }

@@ -8,13 +8,13 @@ use plumbline_engine::tasks::published::TaskFile;
 use toml::Spanned;
 
 /// Greatest number of items. A file may list as many as its author waits for.
-const MOST: usize = 64;
+const MAX: usize = 64;
 
 pub fn run(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let Ok(family) = Family::read("a.toml", text) else { return };
     let items = |grid: &BTreeMap<_, Spanned<Vec<_>>>| grid.values().map(|values| values.get_ref().len()).product();
-    if family.content.grid.iter().map(items).fold(0, usize::saturating_add) > MOST {
+    if family.content.grid.iter().map(items).fold(0, usize::saturating_add) > MAX {
         return;
     }
     let manifest = include_str!("../../../tasks/mineceraft-4/suite.toml");

@@ -4,7 +4,7 @@ use plumbline::app::submissions::posted::{Format, PostedSubmission, read_submiss
 use plumbline_engine::intake::Faults;
 
 /// Greatest number of lines that are read again by themselves.
-const MOST: usize = 20;
+const MAX: usize = 20;
 
 pub fn run(data: &[u8]) {
     let mut faults = Faults::new();
@@ -17,13 +17,13 @@ pub fn run(data: &[u8]) {
     assert!(!lines.submissions.is_empty() || !faults.into_list().is_empty(), "no line is read, and none refused");
     let mut read = lines.submissions.iter();
     let all: Vec<&[u8]> = data.split(|byte| *byte == b'\n').collect();
-    for (number, line) in (1..).zip(all.iter().take(MOST)) {
+    for (number, line) in (1..).zip(all.iter().take(MAX)) {
         let alone = read_submissions(line, Format::Json, &mut Faults::new());
         let same = (!alone.submissions.is_empty()).then(|| read.next()).flatten();
         assert_eq!(same.map(told), alone.submissions.first().map(told), "line {number}");
         assert!(same.is_none_or(|one| one.line == Some(number)), "line {number}");
     }
-    assert!(all.len() > MOST || read.next().is_none(), "more submissions than lines");
+    assert!(all.len() > MAX || read.next().is_none(), "more submissions than lines");
 }
 
 fn told(one: &PostedSubmission) -> String {

@@ -8,7 +8,7 @@ use plumbline_engine::hidden::tlog::tiles::{TileName, read_entries};
 use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
 
 /// Greatest number of leaves of a tree.
-const MOST: u64 = 64;
+const MAX: u64 = 64;
 
 pub fn run(data: &[u8]) {
     let _ = read_entries(data, data.len() / 34);
@@ -33,7 +33,7 @@ pub fn run(data: &[u8]) {
 /// The proofs of a tree hold, and no other hash does.
 fn tree(data: &[u8]) {
     let [size, index, old, rest @ ..] = data else { return };
-    let (size, mut tree) = (u64::from(*size) % MOST + 1, Tree::default());
+    let (size, mut tree) = (u64::from(*size) % MAX + 1, Tree::default());
     (0..size).for_each(|i| tree.push(leaf(&i.to_be_bytes())));
     let (index, old) = (u64::from(*index) % size, u64::from(*old) % size + 1);
     let (root, old_root) = (tree.root(size).expect("it has a root"), tree.root(old).expect("it has had a root"));

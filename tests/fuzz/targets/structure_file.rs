@@ -5,20 +5,20 @@ use std::io::Write as _;
 use plumbline::formats::{Build, FileFormat, read, write};
 
 /// Greatest number of blocks.
-const MOST: usize = 5_000;
+const MAX: usize = 5_000;
 
 pub fn run(data: &[u8]) {
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     packed.write_all(data).expect("memory takes all bytes");
     for bytes in [data, &packed.finish().expect("memory takes all bytes")] {
-        let Ok((format, build)) = read(bytes, MOST) else { continue };
+        let Ok((format, build)) = read(bytes, MAX) else { continue };
         // Boxes, names and positions may be too large to be written.
         let Ok(written) = write(format, &build) else { continue };
-        let (again, same) = read(&written, MOST).expect("what is written reads back");
+        let (again, same) = read(&written, MAX).expect("what is written reads back");
         assert_eq!(again, format);
         // States are written whole, so they read back with all their properties.
         assert_eq!(blocks(&same, format, name), blocks(&build, format, name));
-        let (_, third) = read(&write(format, &same).expect("it was written before"), MOST).expect("it reads back");
+        let (_, third) = read(&write(format, &same).expect("it was written before"), MAX).expect("it reads back");
         assert_eq!(blocks(&third, format, str::to_owned), blocks(&same, format, str::to_owned));
     }
 }

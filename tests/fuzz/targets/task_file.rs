@@ -6,12 +6,12 @@ use plumbline_engine::tasks::published::{TaskFile, read_task_files};
 use plumbline_engine::voxel::{BlockLog, Cell, Turn};
 
 /// Greatest number of tasks that are graded.
-const MOST: usize = 8;
+const MAX: usize = 8;
 
 pub fn run(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let Ok(tasks) = read_task_files(&[TaskFile { name: "a.json", text }]) else { return };
-    for task in tasks.iter().take(MOST) {
+    for task in tasks.iter().take(MAX) {
         let mut log = BlockLog::default();
         for _ in &task.turns {
             log.turns.push(Turn::new());

@@ -17,13 +17,13 @@ use super::vectors::{add, dot, in_strips};
 use crate::elasticity::{Control, Stopped};
 
 /// Work of a direct solution for each block of the structure, in multiply-adds. More would cost more than it saves.
-const MOST_WORK: usize = 5_000;
+const MAX_WORK: usize = 5_000;
 /// Nodes for each block below which a structure is taken to be solid: boxes of it are as good as rigid.
 const SOLID: f64 = 1.5;
 /// Least edge of a box of a solid structure, in blocks.
 const LEAST_EDGE: f64 = 4.0;
 /// Greatest number of steps of a nested solution.
-const MOST_STEPS: usize = 5;
+const MAX_STEPS: usize = 5;
 /// Part of the force that a nested solution may leave.
 const ENOUGH: f64 = 0.25;
 
@@ -85,9 +85,9 @@ impl Levels {
         let blocks = system.mesh.nodes.len();
         let is_solid = (system.mesh.position.len() as f64) < SOLID * blocks as f64;
         let (motions, coarse) = if is_solid {
-            in_boxes(&matrix, motions, MOST_WORK * blocks, control)?
+            in_boxes(&matrix, motions, MAX_WORK * blocks, control)?
         } else {
-            let coarse = Coarse::new(matrix, &motions.middle, MOST_WORK * blocks, control)?;
+            let coarse = Coarse::new(matrix, &motions.middle, MAX_WORK * blocks, control)?;
             (motions, coarse)
         };
         Ok(Self { smoothing: Smoothing::new(system), is_solid, motions, coarse, rest: vec![0.0; system.len()] })
@@ -175,7 +175,7 @@ impl Nested {
         let mut square = dot(force, force);
         let enough = ENOUGH * ENOUGH * square;
         let mut taken = 0;
-        while taken < MOST_STEPS && (taken == 0 || square > enough) {
+        while taken < MAX_STEPS && (taken == 0 || square > enough) {
             if self.taken.len() == taken {
                 self.taken.push(Taken { step: vec![0.0; force.len()], pulled: vec![0.0; force.len()], energy: 0.0 });
             }

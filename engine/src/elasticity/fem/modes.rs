@@ -12,7 +12,7 @@ use pulp::Simd;
 
 use super::element::UNKNOWNS;
 use super::shares::Corners;
-use crate::elasticity::lanes::{Lanes, MOST_LANES};
+use crate::elasticity::lanes::{Lanes, MAX_LANES};
 
 /// Fraction of the greatest entry up to which an entry is what rounding leaves of zero.
 const ROUNDING: f64 = 1e-12;
@@ -116,15 +116,15 @@ pub fn forces<S: Simd>(
     blocks: &[Corners],
     modes: &Modes,
     displacement: impl Fn(u32, usize) -> f64,
-) -> [[[f64; MOST_LANES]; 8]; 3] {
+) -> [[[f64; MAX_LANES]; 8]; 3] {
     // Lanes without a block take the first one's.
-    let nodes: [&Corners; MOST_LANES] = std::array::from_fn(|lane| blocks.get(lane).unwrap_or(&blocks[0]));
+    let nodes: [&Corners; MAX_LANES] = std::array::from_fn(|lane| blocks.get(lane).unwrap_or(&blocks[0]));
     let moved = |k: usize, corner: usize| {
-        let lanes: [f64; MOST_LANES] = std::array::from_fn(|lane| displacement(nodes[lane][corner], k));
+        let lanes: [f64; MAX_LANES] = std::array::from_fn(|lane| displacement(nodes[lane][corner], k));
         Lanes::load(simd, &lanes, 0)
     };
     let pulled = modes.forces(simd, std::array::from_fn(|k| std::array::from_fn(|corner| moved(k, corner))));
-    let mut forces = [[[0.0; MOST_LANES]; 8]; 3];
+    let mut forces = [[[0.0; MAX_LANES]; 8]; 3];
     for (of_corners, pulled) in forces.iter_mut().zip(pulled) {
         for (lanes, pulled) in of_corners.iter_mut().zip(pulled) {
             pulled.store(lanes, 0);

@@ -16,11 +16,11 @@ use super::steps::{Step, Vectors};
 use crate::elasticity::Control;
 
 /// Greatest number of steps that follow each other.
-pub const MOST_STEPS: usize = 4;
+pub const MAX_STEPS: usize = 4;
 
 /// Forces that are being added up, for each share and step: those on nodes that have been reached but are not complete.
 #[derive(Debug)]
-pub struct Open([[Ring; MOST_STEPS]; 2]);
+pub struct Open([[Ring; MAX_STEPS]; 2]);
 
 /// Forces on a window of nodes, which moves on; zeros outside of it.
 #[derive(Debug, Default)]
@@ -77,8 +77,8 @@ impl Pipeline<'_> {
             vectors,
             open,
             started: 0,
-            run: [0; MOST_STEPS],
-            complete: [0; MOST_STEPS],
+            run: [0; MAX_STEPS],
+            complete: [0; MAX_STEPS],
         };
         let mut front_first = front(first, 0, of_first, open_first);
         let Some(second) = second else {
@@ -100,13 +100,13 @@ struct Front<'a, F> {
     steps: &'a [Step],
     start: &'a F,
     vectors: Vectors<'a>,
-    open: &'a mut [Ring; MOST_STEPS],
+    open: &'a mut [Ring; MAX_STEPS],
     /// Number of nodes that have been started.
     started: usize,
     /// Next run of each step.
-    run: [usize; MOST_STEPS],
+    run: [usize; MAX_STEPS],
     /// Number of nodes at which each step is complete.
-    complete: [usize; MOST_STEPS],
+    complete: [usize; MAX_STEPS],
 }
 
 impl<F: Fn(Range<usize>, Vectors<'_>)> Front<'_, F> {

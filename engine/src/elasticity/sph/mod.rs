@@ -45,7 +45,7 @@ const WAVE_BLOCKS: usize = 64;
 /// Number of blocks whose data stay in the cache that cores share, while the waves of several steps go over them.
 const CACHED_BLOCKS: usize = 2_500;
 /// Greatest number of steps whose waves follow each other.
-const MOST_AT_ONCE: usize = 8;
+const MAX_AT_ONCE: usize = 8;
 
 /// Simulates `cells` (particles at block centres; a cell listed twice is two particles) and returns their stress.
 ///
@@ -118,7 +118,7 @@ impl<T: Storage> Simulation<T> {
         let follows = reach.filter(|_| particles.multiplicity.is_none());
         let at_once = follows.map_or(1, |reach| {
             let between_looks = 10 * WORK_PER_LOOK / particles.lattice.blocks.len();
-            (CACHED_BLOCKS / (2 * reach + WAVE_BLOCKS)).min(between_looks).clamp(1, MOST_AT_ONCE)
+            (CACHED_BLOCKS / (2 * reach + WAVE_BLOCKS)).min(between_looks).clamp(1, MAX_AT_ONCE)
         });
         Self {
             arch,

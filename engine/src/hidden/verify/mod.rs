@@ -103,7 +103,7 @@ pub struct Kept {
 }
 
 /// Most specifications for each instance of a draw; no program has announced more.
-const MOST_PER_INSTANCE: u32 = 1_000;
+const MAX_PER_INSTANCE: u32 = 1_000;
 
 /// Verifies a reveal: recomputes everything from the key, and compares every step with its receipt.
 ///
@@ -130,11 +130,11 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
             return Ok(found);
         }
     }
-    if !(1..=MOST_PER_INSTANCE).contains(&commitment.per_instance) {
+    if !(1..=MAX_PER_INSTANCE).contains(&commitment.per_instance) {
         let theirs = commitment.per_instance;
         found.breach(
             "commitment",
-            format!("{theirs} specifications for each instance; 1 to {MOST_PER_INSTANCE} are possible"),
+            format!("{theirs} specifications for each instance; 1 to {MAX_PER_INSTANCE} are possible"),
         );
         return Ok(found);
     }

@@ -13,7 +13,7 @@ use super::cell::{Bounds, Cell};
 
 /// Greatest number of lines of anchors for each block with which the search goes by lines. In halls full of scattered blocks
 /// both took the same time for boxes of 6 x 6 x 6 when this was chosen; the search by regions has become twice as fast there.
-const MOST_LINES: i32 = 25;
+const MAX_LINES: i32 = 25;
 
 /// Size of a moving box in cells along x, y and z; each is at least 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,7 +49,7 @@ impl<'a> FreeSpace<'a> {
     ///
     /// Returns `None` if `is_stopped` holds, which is asked from time to time.
     pub fn escapes(&self, starts: impl IntoIterator<Item = Cell>, is_stopped: &dyn Fn() -> bool) -> Option<bool> {
-        if self.size.x * self.size.y <= MOST_LINES {
+        if self.size.x * self.size.y <= MAX_LINES {
             by_lines::escapes(self.solid, self.levels, self.size.into(), starts, is_stopped)
         } else {
             by_regions::escapes(self.solid, self.levels, self.size.into(), starts, is_stopped)

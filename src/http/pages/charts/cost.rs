@@ -12,7 +12,7 @@ use plumbline_engine::grading::standings::Standing;
 /// Rectangle of the scales: left, top, width and height.
 const PLOT: [f64; 4] = [56.0, 14.0, 600.0, 300.0];
 /// Greatest number of powers of ten on the scale of costs.
-const MOST_POWERS: f64 = 8.0;
+const MAX_POWERS: f64 = 8.0;
 /// Size of the chart.
 const SIZE: [f64; 2] = [720.0, 370.0];
 /// Width of a character of a label, in pixels, at most.
@@ -44,7 +44,7 @@ pub fn draw(charted: &Charted) -> Option<Figure> {
     let low = logs.clone().fold(f64::INFINITY, f64::min).floor();
     let high = logs.fold(f64::NEG_INFINITY, f64::max).ceil().max(low + 1.0);
     // Amounts beyond eight powers of ten below the greatest stand at the left edge.
-    let low = low.max(high - MOST_POWERS);
+    let low = low.max(high - MAX_POWERS);
     let at = |run: &Standing, amount: f64| {
         [left + (amount.log10().max(low) - low) / (high - low) * width, top + (1.0 - rate(run)) * height]
     };

@@ -6,7 +6,7 @@ use super::runs::Charted;
 use crate::http::pages::html;
 
 /// Greatest number of runs in the chart.
-const MOST: usize = 30;
+const MAX_RUNS: usize = 30;
 /// Height of a row, in pixels.
 const ROW: f64 = 24.0;
 /// Left end of the scale, and its length.
@@ -14,7 +14,7 @@ const SCALE: [f64; 2] = [230.0, 420.0];
 
 /// Draws the scores of the best runs with their intervals.
 pub fn draw(charted: &Charted) -> Option<Figure> {
-    let runs = charted.runs.get(..charted.runs.len().min(MOST)).filter(|runs| !runs.is_empty())?;
+    let runs = charted.runs.get(..charted.runs.len().min(MAX_RUNS)).filter(|runs| !runs.is_empty())?;
     let (width, height) = (720.0, 30.0 + ROW * runs.len() as f64);
     let mut drawing = Drawing::new(width, height);
     let x = |share: f64| SCALE[0] + share * SCALE[1];

@@ -9,7 +9,7 @@ use crate::app::boards::tasks::TaskResult;
 use plumbline_engine::grading::outcomes::Outcomes;
 
 /// Greatest number of runs in the chart.
-const MOST: usize = 20;
+const MAX_RUNS: usize = 20;
 /// Left end and width of the cells, and height of a row, in pixels.
 const CELLS: [f64; 3] = [190.0, 520.0, 18.0];
 /// Room for the names of families below.
@@ -21,7 +21,7 @@ const CLASSES: [&str; 4] = ["solved", "accurate", "failed", "none"];
 
 /// Draws a row for each of the best runs and a cell for each task, by family, easier tasks first.
 pub fn draw(charted: &Charted) -> Option<Figure> {
-    let runs = charted.runs.get(..charted.runs.len().min(MOST)).filter(|runs| !runs.is_empty())?;
+    let runs = charted.runs.get(..charted.runs.len().min(MAX_RUNS)).filter(|runs| !runs.is_empty())?;
     let tasks = &charted.board.entry.suite.tasks;
     let mut families: Vec<(&str, Vec<usize>)> = Vec::new();
     for (place, task) in tasks.iter().enumerate() {

@@ -7,7 +7,7 @@ use plumbline_engine::voxel::blocks::{is_climbable, is_door, is_passable, is_thi
 use super::{At, Build, Flat, SIDES, moved};
 
 /// Greatest extent of a build along an axis.
-const MOST: i64 = 128;
+const MAX: i64 = 128;
 
 pub struct World {
     solid: BTreeSet<At>,
@@ -31,7 +31,7 @@ impl World {
             return None;
         }
         let ends = [0, 1, 2].map(|axis| build.ends(axis));
-        if ends.iter().any(|(least, most)| most - least >= MOST) || ends[1].1 >= MOST {
+        if ends.iter().any(|(least, most)| most - least >= MAX) || ends[1].1 >= MAX {
             return None;
         }
         let is_game = build.is_read_as_game;

@@ -1,4 +1,4 @@
-//! The task of a request to grade: of a suite, or brought by the request.
+//! The member `task` of a request to grade: a reference to a task of a suite, or a task of its own.
 
 use serde::Deserialize as _;
 use serde::de::{MapAccess, Visitor as _};
@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 
 use crate::app::body::free::{FreeJson, Room};
 use crate::app::limits::LIMITS;
-use crate::app::submissions::posted::{TaskRef, TaskShape};
+use crate::app::task_ref::{TaskRef, TaskShape};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{Scalar, Shape};
 use plumbline_engine::tasks::published::{add_unknown, read_checks};
