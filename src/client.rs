@@ -1,6 +1,6 @@
 //! HTTP client of services, which commands and the demo agents use.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -126,12 +126,14 @@ impl Service {
         self.send(self.http.get(format!("{}{path}", self.base))).await
     }
 
-    /// Gets the numbers of the tasks in a suite.
+    /// Gets the tasks of a suite: their numbers, each with its first prompt.
     ///
     /// # Errors
     /// Returns an error if the service cannot be reached or rejects a request.
-    pub async fn task_numbers(&self, suite: &str) -> anyhow::Result<BTreeSet<u32>> {
-        self.numbers(&format!("/v1/tasks?suite={suite}"), "tasks").await
+    pub async fn prompts(&self, suite: &str) -> anyhow::Result<BTreeMap<u32, String>> {
+        let tasks = self.items(&format!("/v1/tasks?suite={suite}"), "tasks").await?;
+        let read = |task: &Value| Some((number(task)?, task["prompt"].as_str()?.to_owned()));
+        tasks.iter().map(|task| read(task).context("a task has no number or no prompt")).collect()
     }
 
     /// Gets the numbers of the tasks that a run has answers to.
@@ -139,20 +141,22 @@ impl Service {
     /// # Errors
     /// Returns an error if the service cannot be reached or rejects a request.
     pub async fn answered(&self, run: &str) -> anyhow::Result<BTreeSet<u32>> {
-        self.numbers(&format!("/v1/runs/{run}/submissions?"), "submissions").await
+        let submissions = self.items(&format!("/v1/runs/{run}/submissions?"), "submissions").await?;
+        Ok(submissions.iter().filter_map(number).collect())
     }
 
-    /// Gets the numbers of all items of a list that comes in pages.
-    async fn numbers(&self, path: &str, list: &str) -> anyhow::Result<BTreeSet<u32>> {
-        let mut numbers = BTreeSet::new();
+    /// Gets all items of a list that comes in pages.
+    async fn items(&self, path: &str, list: &str) -> anyhow::Result<Vec<Value>> {
+        let mut items = Vec::new();
         let mut after = Value::from(0);
         while !after.is_null() {
-            let page = self.get(&format!("{path}&limit=1000&after={after}")).await?;
-            let items = page[list].as_array().into_iter().flatten().filter_map(|item| item["number"].as_u64());
-            numbers.extend(items.filter_map(|number| u32::try_from(number).ok()));
-            after = page["next_after"].clone();
+            let mut page = self.get(&format!("{path}&limit=1000&after={after}")).await?;
+            after = page["next_after"].take();
+            if let Value::Array(more) = page[list].take() {
+                items.extend(more);
+            }
         }
-        Ok(numbers)
+        Ok(items)
     }
 
     /// Creates a run and returns its id.
@@ -210,6 +214,11 @@ impl Service {
             tokio::time::sleep(LOOK).await;
         }
     }
+}
+
+/// Returns the number of a task or an answer.
+fn number(item: &Value) -> Option<u32> {
+    u32::try_from(item["number"].as_u64()?).ok()
 }
 
 /// Returns what a refusal says: the detail of a problem with its kind and its first faults, or the text as it is.

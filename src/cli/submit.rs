@@ -1,6 +1,6 @@
 //! `plumbline submit`: posts raw records of the published pipeline to a service as one run.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -32,6 +32,9 @@ pub struct SubmitArgs {
     /// Skip problems that are not in the suite, such as those outside a Lite draw.
     #[arg(long)]
     only_suite: bool,
+    /// Do not compare the prompts of the records with those of the suite; records go by their number alone.
+    #[arg(long)]
+    any_prompt: bool,
     /// Declare that tasks without a record are skipped on purpose: they count as failed, and the run is still compared
     /// with others on the board.
     #[arg(long, conflicts_with = "keep_open")]
@@ -70,9 +73,9 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             None => (args.suite.clone(), BTreeSet::new()),
             Some(run) => (continues(&service, run, args).await?, service.answered(run).await?),
         };
-        let tasks = service.task_numbers(&suite).await?;
+        let tasks = service.prompts(&suite).await?;
         let given = answers.len();
-        answers.retain(|answer| tasks.contains(&answer.number));
+        answers.retain(|answer| tasks.contains_key(&answer.number));
         if answers.len() < given && !args.only_suite {
             let others = given - answers.len();
             bail!("{others} of {given} problems are not in {suite}; --only-suite leaves them out");
@@ -80,8 +83,11 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         if answers.is_empty() {
             bail!("{} holds no problem of {suite}", args.file.display());
         }
+        if !args.any_prompt {
+            must_ask_the_same(&problems, &tasks, &suite)?;
+        }
         let is_there = |task: &u32| answered.contains(task) || answers.iter().any(|answer| answer.number == *task);
-        let missing = tasks.iter().filter(|task| !is_there(task)).count();
+        let missing = tasks.keys().filter(|task| !is_there(task)).count();
         if missing > 0 && !args.keep_open {
             let then = if args.skip_rest {
                 "are skipped on purpose and count as failed"
@@ -131,6 +137,31 @@ async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::R
         bail!("--run {run} is of the agent {agent:?}, and --agent names {named:?}: leave one of them out");
     }
     Ok(suite.to_owned())
+}
+
+/// Checks that the first records of problems were made for the prompts of the suite, as far as they give theirs: the
+/// published pipeline numbers the problems of a file anew.
+fn must_ask_the_same(problems: &[RecordedProblem], tasks: &BTreeMap<u32, String>, suite: &str) -> anyhow::Result<()> {
+    /// Number of problems that are named.
+    const MAX_NAMED: usize = 5;
+    let is_same = |one: &str, other: &str| one.split_whitespace().eq(other.split_whitespace());
+    let differs = |problem: &&RecordedProblem| {
+        let asked = problem.task.turns.first().map(|turn| turn.prompt.trim()).filter(|prompt| !prompt.is_empty());
+        let wanted = tasks.get(&problem.task.number);
+        asked.zip(wanted).is_some_and(|(asked, wanted)| !is_same(asked, wanted))
+    };
+    let others: Vec<u32> = problems.iter().filter(differs).map(|problem| problem.task.number).collect();
+    let Some(first) = others.first() else { return Ok(()) };
+    let named: Vec<String> = others.iter().take(MAX_NAMED).map(u32::to_string).collect();
+    let more = if others.len() > MAX_NAMED { ", …" } else { "" };
+    let prompt = &tasks[first];
+    bail!(
+        "{} of {} problems were asked otherwise than in {suite} (run_idx {}{more}); there, task {first} is {prompt:?}: \
+         --suite names the suite whose prompts were given, and --any-prompt goes by number alone",
+        others.len(),
+        problems.len(),
+        named.join(", ")
+    );
 }
 
 /// Converts recorded structures into the events that lead to them. Several entries for one cell become one, since a log

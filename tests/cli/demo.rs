@@ -65,5 +65,16 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
         let told = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success() && told.contains(why), "{more:?}: {told}");
         assert!(told.matches("fault").count() < 3, "{told}");
-    }
+    } // Records of other prompts, such as those that a pipeline numbered anew, are no answers to the tasks of the numbers.
+    let mut renumbered: Value = serde_json::from_str(few[3]).unwrap();
+    renumbered["prompt"] = json!("Build something else.");
+    std::fs::write(&file, [few[0], &renumbered.to_string()].join("\n")).unwrap();
+    let output = posting(&["--agent", "lab"]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    let number = &renumbered["run_idx"];
+    let why = format!(
+        "1 of 2 problems were asked otherwise than in mineceraft@1 (run_idx {number}); there, task {number} is"
+    );
+    assert!(!output.status.success() && told.contains(&why), "{told}");
+    assert_eq!(submit(&["--agent", "lab", "--any-prompt"])["graded"], 2);
 }
