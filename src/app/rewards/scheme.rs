@@ -48,13 +48,16 @@ pub fn scheme_named(name: &str) -> Option<Scheme> {
     [Scheme::Strict, Scheme::Mean, Scheme::Shaped].into_iter().find(|scheme| scheme.name() == name)
 }
 
-/// Reads a scheme: `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`.
+/// Reads a scheme: `"strict"`, `"shaped"`, `"mean"`, or `{"weights": {criterion: weight}}`. A member that is null is
+/// absent.
 pub fn read_scheme(value: &Value, faults: &mut Faults) -> Option<Scheme> {
     if let Some(scheme) = value.as_str().and_then(scheme_named) {
         return Some(scheme);
     }
     match value {
-        Value::Object(members) if members.len() == 1 && members.get("weights").is_some_and(Value::is_object) => {}
+        Value::Object(members)
+            if members.values().filter(|value| !value.is_null()).count() == 1
+                && members.get("weights").is_some_and(Value::is_object) => {}
         _ => {
             faults.add("expected \"strict\", \"shaped\", \"mean\" or {\"weights\": {\"material\": 1, …}}");
             return None;
@@ -62,7 +65,8 @@ pub fn read_scheme(value: &Value, faults: &mut Faults) -> Option<Scheme> {
     }
     faults.enter_key("weights");
     let mut weights = Vec::new();
-    for (name, weight) in value["weights"].as_object().into_iter().flatten() {
+    let given = value["weights"].as_object().into_iter().flatten().filter(|(_, weight)| !weight.is_null());
+    for (name, weight) in given {
         let criterion = Criterion::ALL.into_iter().find(|criterion| criterion.name() == name);
         let number = weight.as_f64().filter(|weight| *weight == 0.0 || WEIGHTS.contains(weight));
         match (criterion, number) {
