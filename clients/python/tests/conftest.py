@@ -49,7 +49,7 @@ class Running:
 
     def stop(self) -> None:
         self.process.terminate()
-        self.process.wait(20)
+        self.process.wait(120)
 
     def run(self, *arguments: str) -> str:
         command = [PROGRAM, *arguments, "--database", str(self.database)]

@@ -60,7 +60,7 @@ def test_events_are_followed_over_a_restart(tmp_path: Path, wall: dict[str, Any]
         time.sleep(1)
         before.stop()
         after = Running(tmp_path, "--open", "--listen", address)
-        follower.join(30)
+        follower.join(120)
         after.stop()
     assert states == ["graded"] and not follower.is_alive()
 

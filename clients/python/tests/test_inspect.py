@@ -105,6 +105,27 @@ def test_the_numbers_are_those_of_the_board(inspect: Path, texts: dict[str, str]
     assert "scores 0" in explanation
 
 
+def test_without_a_key_that_submits_no_model_is_asked(
+    tmp_path: Path, texts: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keyed = Running(tmp_path)
+    try:
+        monkeypatch.setenv("PLUMBLINE_SERVER", keyed.url)
+        reads = keyed.run("keys", "create", "--name", "lab", "--scopes", "grade").strip()
+        for key, what, has_asked in [("", "401", False), ("plk_abc_wrong", "401", False), (reads, "403", True)]:
+            monkeypatch.setenv("PLUMBLINE_KEY", key)
+            [log] = inspect_eval(
+                "plumbline_client/mineceraft_lite",
+                model=answering(texts),
+                log_dir=str(tmp_path / "logs"),
+                display="none",
+            )
+            assert log.status == "error" and log.error is not None and what in log.error.message, log.error
+            assert bool(log.stats.model_usage) == has_asked
+    finally:
+        keyed.stop()
+
+
 def test_an_evaluation_that_is_tried_again_goes_on_with_its_run(
     inspect: Path, texts: dict[str, str], client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:

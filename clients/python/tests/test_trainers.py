@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
+import math
 from pathlib import Path
 from typing import Any
 
+import datasets
 import httpx
+import numpy as np
+import pandas as pd
+import pyarrow as pa
 import pytest
 from conftest import WALL, Running, build
 from endpoint import Endpoint, Reply, code_of
@@ -103,6 +109,85 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
         return asyncio.run(trl.plumbline(prompts=["x"] * 2, completions=[good] * 2, task=[WALL] * 2))
 
     assert await asyncio.to_thread(elsewhere) == [None, None]
+
+
+async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: Running, good: str) -> None:
+    number = Client(service.url).tasks.get(WALL).number
+    series = pd.Series([number, None])
+    assert series.dtype == np.float64
+    for task in (series[0], np.int64(number), str(number), f"{number}.0", pa.scalar(number), WALL, np.str_(WALL)):
+        request = labels.request({"task": task, "reward": None, "suite": math.nan, "profile": pd.NA}, [good])
+        assert request == {"task": WALL if str(task) == WALL else number, "answer": [good]}, task
+    # Rows of another data set have no task; Arrow gives each row the members of all.
+    wall = {"fn": "size.is_equal", "args": {"expected_x": 5, "expected_y": 5, "expected_z": 1}}
+    made = {"fn": "material.is_made_of", "args": {"of": "stone"}}
+    table = datasets.Dataset.from_list(
+        [
+            {
+                "task": {"turns": [{"prompt": "A wall.", "checks": [wall, made]}]},
+                "scheme": {"weights": {"size": 1, "shape": None}},
+            },
+            {"task": None, "scheme": {"weights": {"size": None, "shape": 1}}},
+            {"task": {"turns": [{"prompt": "Stone.", "checks": [made]}]}, "scheme": None},
+        ]
+    )
+    assert "expected_x" in table[2]["task"]["turns"][0]["checks"][0]["args"]
+    metric: dict[str, float] = {}
+    rewards = await trl.plumbline(
+        ["x"] * 3, [good] * 3, table["task"][:], scheme=table["scheme"][:], log_metric=metric.__setitem__
+    )
+    assert rewards == [1.0, None, 1.0] and metric == {"plumbline/failed": 0.0}
+    text = json.dumps(table[0])
+    assert (await verl.compute_score("x", good, text))["score"] == 1.0
+    # The service's own doors read the same rows.
+    sent = {"query": [good], "prompts": [""], "labels": [table[0]]}
+    async with httpx.AsyncClient() as http:
+        answer = await http.post(f"{service.url}/get_reward", json=sent)
+    assert answer.json()["rewards"] == [1.0]
+    with Client(service.url) as client:
+        assert client.rewards.grade(task=table[2]["task"], answer=[good]).reward == 1.0
+        log = {"turns": [{"palette": ["stone"], "rows": np.zeros((1, 4), dtype=np.int32)}]}
+        assert client.rewards.grade(task=WALL, turns=log["turns"], reward="mean").reward > 0.0
+        with pytest.raises(errors.Unwritable, match=r"builtins\.object"):
+            client.rewards.grade(task=WALL, turns=object())
+
+
+async def test_what_is_no_completion_is_an_error_and_no_reward_of_0(good: str) -> None:
+    for completion, why in [
+        ([{"from": "gpt", "value": good}], "row 1: a message has a role"),
+        ([{"role": "assistant", "content": 5}], "row 1: the content"),
+        (b"bytes", "row 1: a completion is a text or messages"),
+        (7, "row 1: a completion is a text or messages"),
+    ]:
+        with pytest.raises(ValueError, match=why):
+            await trl.plumbline(["x"] * 2, [good, completion], [WALL] * 2)
+    with pytest.raises(ValueError, match="2 completions and 1 tasks"):
+        await trl.plumbline(["x"] * 2, [good] * 2, [WALL])
+    said = {"role": "Assistant", "content": [good]}
+    assert trl.texts_of(said) == trl.texts_of((said,)) == trl.texts_of(good) == [good]
+
+
+def test_loops_that_have_ended_keep_no_connection(good: str) -> None:
+    def descriptors() -> int:
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    def grade() -> None:
+        assert asyncio.run(trl.plumbline(["x"], [good], [WALL])) == [1.0]
+
+    for _ in range(2):
+        grade()
+    before = descriptors()
+    for _ in range(10):
+        grade()
+    gc.collect()
+    assert descriptors() <= before + 3
+
+
+def test_an_address_that_is_none_is_told_at_once() -> None:
+    for wrong in ("ftp://service", "http://service:port", "http://", "https://"):
+        with pytest.raises(errors.PlumblineError, match="is no address of a service"):
+            Client(wrong)
+    assert Client(" http://service:1/v1/ ").url == "http://service:1"
 
 
 async def test_verl_gets_scores_with_the_same_members(service: Running, good: str) -> None:

@@ -153,13 +153,24 @@ def written(value: Any) -> bytes:
     """
     try:
         try:
-            return to_json(value, exclude_none=True, by_alias=True)
+            return to_json(value, exclude_none=True, by_alias=True, fallback=plain)
         except (PydanticSerializationError, ValueError) as error:
             if "surrogates not allowed" not in str(error):
                 raise
-            return dumps(to_jsonable_python(value, exclude_none=True, by_alias=True)).encode()
+            return dumps(to_jsonable_python(value, exclude_none=True, by_alias=True, fallback=plain)).encode()
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise errors.Unwritable(f"the request cannot be written as JSON: {error}") from error
+
+
+def plain(value: Any) -> Any:
+    """Returns a value of NumPy, pandas, PyArrow or PyTorch as Python has it; their missing value is None."""
+    if type(value).__name__ in ("NAType", "NaTType"):
+        return None
+    for name in ("as_py", "tolist", "to_pylist"):
+        convert = getattr(value, name, None)
+        if callable(convert):
+            return convert()
+    raise TypeError(f"{value!r} is of the type {type(value).__module__}.{type(value).__qualname__}")
 
 
 def parameters(params: Mapping[str, Any] | None) -> dict[str, str]:

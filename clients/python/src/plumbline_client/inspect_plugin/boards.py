@@ -14,8 +14,17 @@ from ..async_client import AsyncClient
 # By the evaluation's nonce and the epoch. The key makes creating a run safe to repeat.
 _runs: dict[tuple[str, int], str] = {}
 _begun: set[tuple[str, int]] = set()
+# Evaluations whose key is live.
+_known: set[str] = set()
 # A lock belongs to one loop, and each evaluation of a process has a loop of its own.
 _creating: WeakKeyDictionary[asyncio.AbstractEventLoop, asyncio.Lock] = WeakKeyDictionary()
+
+
+async def must_have_key(client: AsyncClient, state: TaskState) -> None:
+    """Raises `Unauthorized` before a model is asked, if the service takes no answers without another key."""
+    if state.metadata["nonce"] not in _known:
+        await client.service.quota()
+        _known.add(state.metadata["nonce"])
 
 
 async def run_of(client: AsyncClient, state: TaskState, *, anew: bool = False) -> str | None:

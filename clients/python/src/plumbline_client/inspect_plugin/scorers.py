@@ -10,7 +10,7 @@ from inspect_ai.solver import TaskState
 from inspect_ai.util import concurrency
 
 from ..async_client import AsyncClient
-from ..errors import Conflict, Faulty, PlumblineError
+from ..errors import Conflict, Faulty, Forbidden, PlumblineError, Unauthorized
 from ..evaluate.attempts import dropped_words
 from ..models import ReportBody, TurnReplay
 from ..refused import without_refused
@@ -43,6 +43,9 @@ def passes() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         try:
             graded = await graded_build(state)
+        except (Unauthorized, Forbidden):
+            # Without a key that may do this, no sample of the evaluation will be scored.
+            raise
         except PlumblineError as error:
             return Score.unscored(reason="scoring_failed", explanation=str(error))
         if graded.get("hidden"):
@@ -59,6 +62,9 @@ def criteria() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         try:
             graded = await graded_build(state)
+        except (Unauthorized, Forbidden):
+            # Without a key that may do this, no sample of the evaluation will be scored.
+            raise
         except PlumblineError as error:
             return Score.unscored(reason="scoring_failed", explanation=str(error))
         if graded.get("hidden"):

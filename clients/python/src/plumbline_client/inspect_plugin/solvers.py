@@ -13,7 +13,7 @@ from inspect_ai.util import store_as
 from ..async_client import AsyncClient
 from ..errors import Conflict, Faulty
 from ..evaluate.attempts import words
-from .boards import run_of
+from .boards import must_have_key, run_of
 from .state import Build
 
 
@@ -24,6 +24,8 @@ def one_shot() -> Solver:
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         build = state.store_as(Build)
         prompts: list[str] = state.metadata["prompts"]
+        async with AsyncClient() as client:
+            await must_have_key(client, state)
         for number in range(len(prompts)):
             if number > 0:
                 state.messages.append(ChatMessageUser(content=prompts[number]))
@@ -45,6 +47,7 @@ def turn_by_turn(pictures: bool = True) -> Solver:
         build = state.store_as(Build)
         prompts: list[str] = state.metadata["prompts"]
         async with AsyncClient() as client:
+            await must_have_key(client, state)
             if state.metadata.get("instance") is not None:
                 episode = await client.episodes.open(instance=state.metadata["instance"])
             else:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..calls import plain
 from ..refused import clean
 
 MEMBERS = ("task", "suite", "profile", "reward")
@@ -19,28 +22,65 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     """Returns the request to grade a model's texts for a label.
 
     A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
-    other members belong to the data set. A text that is None, as of a model that only called tools, is empty. Raises
-    ValueError if it names no task, or if a member looks like one of these misspelt.
+    other members belong to the data set. A task may be written out, as a mapping or JSON with `turns`. A text that is
+    None, as of a model that only called tools, is empty. Raises ValueError if the label names no task, or if a member
+    looks like one of these misspelt.
     """
-    found: Any = label
-    if isinstance(label, str):
-        try:
-            found = json.loads(label)
-        except ValueError:
-            found = label
-    members: Mapping[str, Any] = found if isinstance(found, Mapping) else {"task": found}
+    found = read(label)
+    members: Mapping[str, Any] = found if isinstance(found, Mapping) and "turns" not in found else {"task": found}
     refuse_misspelt(members)
     # Data sets for other frameworks call the reward's scheme otherwise.
-    schemes = {name: members[name] for name in SCHEMES if members.get(name) is not None}
+    schemes = {name: without_nones(members[name]) for name in SCHEMES if not is_missing(members.get(name))}
     first = next(iter(schemes), "reward")
     for name, scheme in schemes.items():
         if scheme != schemes[first]:
             raise ValueError(f"the label {label!r} has two schemes, {first} and {name}; give one")
-    members = {**members, "reward": schemes.get(first)}
-    named = {name: members[name] for name in MEMBERS if members.get(name) is not None}
-    if not isinstance(named.get("task"), (str, int)) or named["task"] == "":
-        raise ValueError(f"the label {label!r} names no task")
+    members = {**members, "reward": schemes.get(first), "task": task_of(members.get("task"))}
+    named = {name: members[name] for name in MEMBERS if not is_missing(members.get(name))}
+    if "task" not in named:
+        raise ValueError(f"the label {label!r} names no task: expected an id, a number, or a task with turns")
     return {**named, "answer": ["" if text is None else clean(text) for text in texts]}
+
+
+def read(value: object) -> Any:
+    """Returns a value as Python has it, and what a text holds where it is JSON."""
+    if isinstance(value, str):
+        try:
+            return json.loads(value)
+        except ValueError:
+            return value
+    if value is None or isinstance(value, (bool, int, float, Mapping)):
+        return value
+    try:
+        return plain(value)
+    except TypeError:
+        return value
+
+
+def task_of(value: object) -> Any:
+    """Returns a task as requests name it, or None. Tables of data make floats or texts of numbers."""
+    found = read(value)
+    if isinstance(found, Mapping):
+        return without_nones(found) if "turns" in found else None
+    if isinstance(found, float) and found.is_integer():
+        return int(found)
+    if isinstance(found, str) and re.fullmatch(r"[0-9]+", found.strip()):
+        return int(found)
+    return found if isinstance(found, (int, str)) and not isinstance(found, bool) else None
+
+
+def is_missing(value: object) -> bool:
+    """Whether a table of data has no value here: None, NaN, the missing value of pandas, or an empty text."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return True
+    return (isinstance(value, str) and not value.strip()) or type(value).__name__ in ("NAType", "NaTType")
+
+
+def without_nones(value: Any) -> Any:
+    """Leaves out members that are None, which Arrow adds to mappings that lack what others have."""
+    if isinstance(value, Mapping):
+        return {name: without_nones(member) for name, member in value.items() if member is not None}
+    return [without_nones(element) for element in value] if isinstance(value, list) else value
 
 
 def is_scheme(value: object) -> bool:

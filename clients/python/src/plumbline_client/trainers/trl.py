@@ -7,13 +7,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from .. import errors
 from ..batches import Request
 from ..models import Problem
-from .labels import CRITERIA, components, is_scheme, refuse_misspelt, request
+from .labels import CRITERIA, components, is_missing, is_scheme, refuse_misspelt, request
 from .loops import coalescer
 
 THOUGHTS = ("reasoning", "thinking")
@@ -32,11 +32,14 @@ async def plumbline(
     log_metric: Callable[[str, float], None] | None = None,
     **columns: Any,
 ) -> list[float | None]:
-    """Returns the reward of each completion; None, which the trainer leaves out, where the service failed to give one.
+    """Returns the reward of each completion; None, which the trainer leaves out, where the service failed to give one, and
+    where a row has no task, as those of other data sets that were joined.
 
-    Raises an error if the data set is wrong: if a row names no task of the suite, or a column looks like one of these
-    misspelt.
+    Raises an error if the data set is wrong: if a row names a task that the suite does not have, if a column looks like
+    one of these misspelt, or if a completion is neither a text nor messages.
     """
+    if not len(completions) == len(task):
+        raise ValueError(f"there are {len(completions)} completions and {len(task)} tasks")
     # Data sets for other frameworks call it otherwise; a column of numbers is their own.
     others = [columns.get(name) for name in ("reward_scheme", "reward")]
     schemes = (column for column in others if isinstance(column, list) and any(map(is_scheme, column)))
@@ -44,13 +47,17 @@ async def plumbline(
     given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
     shown = {name: first_scheme(column) for name, column in columns.items()}
     refuse_misspelt({**shown, **{name: None for name, column in given.items() if not is_empty(column)}})
+    rows = [index for index in range(len(completions)) if task[index] == "" or not is_missing(task[index])]
     requests: list[Request] = []
-    for index, completion in enumerate(completions):
+    for index in rows:
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
-        requests.append(request({**label, "profile": at(profile, index)}, texts_of(completion)))
-    results: list[dict[str, Any] | None] = [None] * len(requests)
+        try:
+            requests.append(request({**label, "profile": at(profile, index)}, texts_of(completions[index])))
+        except ValueError as error:
+            raise ValueError(f"row {index}: {error}") from error
+    results: list[dict[str, Any] | None] = [None] * len(completions)
     async for item in coalescer().client.rewards.raw_batch(requests):
-        results[item["index"]] = item
+        results[rows[item["index"]]] = item
     rewards: list[float | None] = []
     for raw in results:
         if raw is not None and raw["reward"] is None and not raw["error"].get("retryable"):
@@ -64,13 +71,13 @@ async def plumbline(
         for name in CRITERIA:
             log_extra(f"plumbline/{name}", [one[name] for one in told])
     if log_metric is not None:
-        log_metric("plumbline/failed", sum(reward is None for reward in rewards) / max(len(rewards), 1))
+        log_metric("plumbline/failed", sum(rewards[row] is None for row in rows) / max(len(rows), 1))
     return rewards
 
 
 def is_empty(column: Sequence[Any] | None) -> bool:
     """Whether no row has a value: data sets that were joined have such columns."""
-    return column is None or all(value is None for value in column)
+    return column is None or all(is_missing(value) for value in column)
 
 
 def first_scheme(column: Any) -> Any:
@@ -84,19 +91,38 @@ def at(column: Sequence[str | None] | None, index: int) -> str | None:
 
 
 def texts_of(completion: Any) -> list[str]:
-    """Returns the texts of a completion, which is a text, or messages of a conversation; None is an empty text."""
-    if completion is None:
+    """Returns the texts of a completion, which is a text, or messages of a conversation; None is an empty text.
+
+    Raises ValueError if it is something else: a reward of 0 would hide that nothing was read.
+    """
+    if is_missing(completion):
         return [""]
     if isinstance(completion, str):
         return [completion]
-    own = [message for message in completion if message.get("role") == "assistant"]
-    texts = [text_of(message.get("content")) for message in own]
-    return texts or [""]
+    messages = [completion] if isinstance(completion, Mapping) else completion
+    if not isinstance(messages, Sequence) or isinstance(messages, bytes):
+        raise unread("a completion is a text or messages", completion)
+    own = [message for message in messages if role_of(message) == "assistant"]
+    return [text_of(message.get("content")) for message in own] or [""]
+
+
+def role_of(message: Any) -> str:
+    """Returns who speaks."""
+    if not isinstance(message, Mapping) or not isinstance(message.get("role"), str):
+        raise unread("a message has a role and content", message)
+    return str(message["role"]).lower()
 
 
 def text_of(content: Any) -> str:
     """Returns the text of a message's content, which may come in parts."""
-    if isinstance(content, list):
-        parts = (part for part in content if isinstance(part, dict) and part.get("type") not in THOUGHTS)
-        return "".join(part.get("text") or "" for part in parts)
-    return content or ""
+    if content is None or isinstance(content, str):
+        return content or ""
+    if not isinstance(content, Sequence) or not all(isinstance(part, (str, Mapping)) for part in content):
+        raise unread("the content of a message is a text or parts", content)
+    texts = ({"text": part} if isinstance(part, str) else part for part in content)
+    return "".join(part.get("text") or "" for part in texts if part.get("type") not in THOUGHTS)
+
+
+def unread(expected: str, found: object) -> ValueError:
+    """Returns the error for what is neither."""
+    return ValueError(f"{expected}, and this is {repr(found)[:200]}")
