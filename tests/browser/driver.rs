@@ -80,9 +80,9 @@ impl Browser {
         self.page.execute(script, Vec::new()).await.unwrap()
     }
 
-    /// Runs a script until it gives what is wanted; fails after half a minute.
+    /// Runs a script until it gives what is wanted; fails after three minutes.
     pub async fn wait(&self, script: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        for _ in 0..300 {
+        for _ in 0..1_800 {
             let found = self.run(script).await;
             if wanted(&found) {
                 return found;

@@ -58,7 +58,7 @@ async fn a_suite_is_imported_served_and_replaced_by_a_new_version() {
     let answer = json!({ "turns": post["turns"] }).to_string();
     let verify = json!({ "task": 1, "suite": "our-own@2", "response": { "output_text": answer } });
     assert_eq!(service.post_json("/verify", &verify).await.json()["reward"], json!(1.0));
-    for _ in 0..100 {
+    for _ in 0..1_000 {
         if service.get("/v1/tasks?suite=our-own").await.json()["suite"] == "our-own@2" {
             break;
         }

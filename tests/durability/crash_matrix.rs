@@ -65,6 +65,8 @@ async fn killed_while_an_unreadable_submission_ends() {
 #[tokio::test]
 async fn killed_while_work_is_given_back_and_while_it_is_given_up() {
     let mut scene = Scene::new();
+    // A lease that ends while the machine is busy would use up an attempt.
+    scene.lease = ["--lease-seconds", "4"];
     let service = scene.start_to_die("before give_back");
     scene.post(&service, slow()).await.unwrap();
     let waiting = format!("/v1/submissions/{}", scene.acknowledged[0]);

@@ -118,7 +118,7 @@ async fn a_hidden_answer_that_could_not_be_read_is_graded_before_its_entry_is_co
 /// Waits until so many submissions have ended as failures, as only the operator can see it.
 async fn has_failed(scene: &Scene, wanted: i64) {
     let pool = pool(&scene.file("p.db")).await;
-    for _ in 0..600 {
+    for _ in 0..3_000 {
         let count = "SELECT COUNT(*) FROM submissions WHERE state = 'grader_error'";
         let found: i64 = query_scalar(count).fetch_one(&pool).await.unwrap();
         if found == wanted {

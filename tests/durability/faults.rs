@@ -106,7 +106,7 @@ async fn a_disk_that_fails_loses_nothing_that_was_acknowledged() {
         ("no room now and then", Faults { no_room: 30, ..none }, true),
         ("no room at all", Faults { no_room: 1_000, ..none }, true),
         ("short writes", Faults { short_writes: 100, ..none }, false),
-        ("syncs fail", Faults { syncs_fail: 100, ..none }, true),
+        ("syncs fail", Faults { syncs_fail: 300, ..none }, true),
         ("no sync succeeds", Faults { syncs_fail: 1_000, ..none }, true),
         ("a slow disk", Faults { delay_us: 20_000, ..none }, false),
     ] {

@@ -38,7 +38,7 @@ async fn fill(service: &Service) -> StatusCode {
 }
 
 async fn becomes(service: &Service, wanted: StatusCode) {
-    for _ in 0..100 {
+    for _ in 0..1_000 {
         if service.get("/readyz").await.status == wanted {
             return;
         }

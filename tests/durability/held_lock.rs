@@ -11,8 +11,8 @@ use crate::support::epoch::{Scene, id};
 
 /// How long the lock is held.
 const HELD: Duration = Duration::from_secs(20);
-/// How long an answer may take meanwhile. Waiting for the lock would take longer.
-const PROMPT: Duration = Duration::from_secs(5);
+/// How long an answer may take meanwhile. What waits for the lock ends before as an error, after ten seconds.
+const PROMPT: Duration = Duration::from_secs(15);
 
 /// A value for each parameter of a path that GETs have.
 fn filled(path: &str, ids: &Value) -> String {

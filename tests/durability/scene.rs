@@ -27,6 +27,8 @@ pub struct Scene {
     pub database: PathBuf,
     pub key: String,
     pub acknowledged: Vec<String>,
+    /// Length of the leases of its services.
+    pub lease: [&'static str; 2],
     /// Whether the disk or the line to the server has faults, so that requests may be refused for a time.
     has_faults: bool,
     /// Outcome of the last request.
@@ -39,7 +41,15 @@ impl Scene {
         let database = folder.path().join("p.db");
         succeeded(&plumbline(&["migrate", "--create"], &database));
         let key = key(&database, "lab");
-        Self { _folder: folder, database, key, acknowledged: Vec::new(), has_faults: false, last: RefCell::default() }
+        Self {
+            _folder: folder,
+            database,
+            key,
+            acknowledged: Vec::new(),
+            lease: LEASE,
+            has_faults: false,
+            last: RefCell::default(),
+        }
     }
 
     /// A scene with faults, and where they are made.
@@ -53,6 +63,7 @@ impl Scene {
                 database,
                 key,
                 acknowledged: Vec::new(),
+                lease: LEASE,
                 has_faults: true,
                 last: RefCell::default(),
             },
@@ -61,23 +72,23 @@ impl Scene {
     }
 
     pub fn start(&self) -> Service {
-        Service::start_as_told(&self.database, &LEASE)
+        Service::start_as_told(&self.database, &self.lease)
     }
 
     pub fn start_to_die(&self, moment: &str) -> Service {
         let mut command = Command::new(PROGRAM);
         command.env("PLUMBLINE_TEST_KILL", moment);
-        Service::start_by(command, &self.database, &LEASE)
+        Service::start_by(command, &self.database, &self.lease)
     }
 
     /// Starts a service that dies by itself, soon.
     pub fn start_and_die(&self, moment: &str) {
         // `timeout` ends with another signal, so a service that lives on fails the test instead of holding it up.
         let mut command = Command::new("timeout");
-        command.args(["--signal=INT", "60", PROGRAM, "serve", "--listen", "127.0.0.1:0"]);
+        command.args(["--signal=INT", "600", PROGRAM, "serve", "--listen", "127.0.0.1:0"]);
         let ended = command
             .args(crate::support::database::named(&self.database))
-            .args(LEASE)
+            .args(self.lease)
             .env("PLUMBLINE_TEST_KILL", moment)
             .output()
             .unwrap();

@@ -270,7 +270,7 @@ async fn whenever_the_service_dies_nothing_is_drawn_or_answered_twice_and_the_bo
             }
             insist(&mut scene, &lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
             let mut result = Value::Null;
-            for _ in 0..600 {
+            for _ in 0..6_000 {
                 match scene.service.http.get(format!("{}/v1/entries/{entry}", scene.service.url)).send().await {
                     Ok(answer) => result = serde_json::from_str::<Value>(&answer.text().await.unwrap()).unwrap(),
                     Err(_died) => scene.restart(None),

@@ -125,8 +125,8 @@ impl Observed {
 /// How often was looked whether an entry is complete is chance, and so is which of its first lines the program writes
 /// first.
 fn is_chance(line: &str) -> bool {
-    // What the start and a look at the epochs say comes in any order.
-    ["method=GET route=\"/v1/entries/{id}\"", "plumbline::startup: listening", "startup::epoch_states"]
+    // What the start and a look at the epochs say comes in any order, and how long a statement takes.
+    ["sqlx::", "method=GET route=\"/v1/entries/{id}\"", "plumbline::startup: listening", "startup::epoch_states"]
         .iter()
         .any(|chance| line.contains(chance))
 }

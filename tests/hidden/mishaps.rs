@@ -88,6 +88,8 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     let others = scene.draw(&lab, &other, 1).await;
     let at = |instance: &Value| format!("/v1/instances/{}/answer", id(instance));
     let episode = id(&scene.made(&lab, "/v1/episodes", &json!({ "instance": id(&drawn[1]) })).await).to_owned();
+    // The siblings take seconds, and the jump is believed after a minute.
+    let pool = scene.pool();
     // A time server is wrong by a thousand years, for longer than several looks of the service.
     scene.jump_clock(1_000 * 365 * 24 * 3_600_000);
     let said = |text: &str| scene.service.said.lock().unwrap().iter().any(|line| line.contains(text));
@@ -99,7 +101,6 @@ async fn a_clock_that_jumps_for_moments_seals_no_epoch() {
     let late = scene.post(&lab, &format!("/v1/entries/{entry}/instances"), &json!({ "run": 1, "nonce": NONCE })).await;
     assert_eq!(late.status, StatusCode::SERVICE_UNAVAILABLE, "{}", late.text);
     assert_eq!(late.headers["retry-after"], "60");
-    let pool = scene.pool();
     for (path, body) in [
         (format!("/v1/episodes/{episode}/steps"), json!({ "events": [] })),
         (format!("/v1/episodes/{episode}/submit"), json!({})),

@@ -141,7 +141,7 @@ async fn logs_are_json_throughout_with_a_line_a_request() {
         .unwrap();
     let client = plumbline::client::without_tls().build().unwrap();
     let url = format!("http://{address}");
-    for _ in 0..200 {
+    for _ in 0..2_400 {
         if client.get(format!("{url}/healthz")).send().await.is_ok() {
             break;
         }

@@ -48,7 +48,7 @@ impl Endpoint {
 
     /// Waits until so many messages came.
     pub async fn wait_for(&self, count: usize) -> Vec<(String, Value)> {
-        for _ in 0..300 {
+        for _ in 0..3_000 {
             let received = self.received.lock().unwrap().clone();
             if received.len() >= count {
                 return received;

@@ -210,7 +210,7 @@ pub fn answer_to(instance: &Value, pool: &BTreeMap<Vec<String>, Task>, is_spoile
 /// Waits until so many reports are stored, as only the operator can see it.
 pub async fn all_are_graded(scene: &Scene, wanted: i64) {
     let pool = super::database::pool(&scene.file("p.db")).await;
-    for _ in 0..600 {
+    for _ in 0..3_000 {
         let found: i64 = query_scalar("SELECT COUNT(*) FROM reports").fetch_one(&pool).await.unwrap();
         if found == wanted {
             return;
