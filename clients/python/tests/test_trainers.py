@@ -119,8 +119,8 @@ async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: R
         request = labels.request({"task": task, "reward": None, "suite": math.nan, "profile": pd.NA}, [good])
         assert request == {"task": WALL if str(task) == WALL else number, "answer": [good]}, task
     # Rows of another data set have no task; Arrow gives each row the members of all.
-    wall = {"fn": "size.is_equal", "args": {"expected_x": 5, "expected_y": 5, "expected_z": 1}}
-    made = {"fn": "material.is_made_of", "args": {"of": "stone"}}
+    wall = {"fn": "size.is_equal", "args": {"xz": [5, 1], "y": 5}}
+    made = {"fn": "material.is_all_material_equal_to", "args": {"expected_material": "stone"}}
     table = datasets.Dataset.from_list(
         [
             {
@@ -131,21 +131,27 @@ async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: R
             {"task": {"turns": [{"prompt": "Stone.", "checks": [made]}]}, "scheme": None},
         ]
     )
-    assert "expected_x" in table[2]["task"]["turns"][0]["checks"][0]["args"]
+    assert "xz" in table[2]["task"]["turns"][0]["checks"][0]["args"]
     metric: dict[str, float] = {}
     rewards = await trl.plumbline(
-        ["x"] * 3, [good] * 3, table["task"][:], scheme=table["scheme"][:], log_metric=metric.__setitem__
+        ["x"] * 3,
+        [good] * 3,
+        table["task"][:],
+        scheme=table["scheme"][:],
+        profile=["mindcraft"] * 3,
+        log_metric=metric.__setitem__,
     )
     assert rewards == [1.0, None, 1.0] and metric == {"plumbline/failed": 0.0}
-    text = json.dumps(table[0])
+    label = {**table[0], "profile": "mindcraft"}
+    text = json.dumps(label)
     assert (await verl.compute_score("x", good, text))["score"] == 1.0
     # The service's own doors read the same rows.
-    sent = {"query": [good], "prompts": [""], "labels": [table[0]]}
+    sent = {"query": [good], "prompts": [""], "labels": [label]}
     async with httpx.AsyncClient() as http:
         answer = await http.post(f"{service.url}/get_reward", json=sent)
     assert answer.json()["rewards"] == [1.0]
     with Client(service.url) as client:
-        assert client.rewards.grade(task=table[2]["task"], answer=[good]).reward == 1.0
+        assert client.rewards.grade(task=table[2]["task"], answer=[good], profile="mindcraft").reward == 1.0
         log = {"turns": [{"palette": ["stone"], "rows": np.zeros((1, 4), dtype=np.int32)}]}
         assert client.rewards.grade(task=WALL, turns=log["turns"], reward="mean").reward > 0.0
         with pytest.raises(errors.Unwritable, match=r"builtins\.object"):

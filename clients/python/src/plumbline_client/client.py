@@ -267,7 +267,7 @@ def address(url: str | None) -> str:
     """Returns the address of the service, without a slash at its end, nor the `/v1` with which its paths begin."""
     # Earlier versions of this package called it `PLUMBLINE`.
     told = os.environ.get("PLUMBLINE_SERVER") or os.environ.get("PLUMBLINE")
-    given = (url or told or DEFAULT_URL).strip().rstrip("/").removesuffix("/v1")
+    given = (url or told or DEFAULT_URL).strip()
     given = given if "://" in given else f"http://{given}"
     try:
         read = httpx.URL(given)
@@ -275,7 +275,7 @@ def address(url: str | None) -> str:
         raise errors.PlumblineError(f"{given!r} is no address of a service: {error}") from error
     if read.scheme not in ("http", "https") or not read.host:
         raise errors.PlumblineError(f"{given!r} is no address of a service: expected http://HOST:PORT or https://HOST")
-    return given
+    return given.rstrip("/").removesuffix("/v1")
 
 
 def own_headers(key: str | None) -> dict[str, str]:
