@@ -72,9 +72,12 @@ impl SteadyClock {
     }
 
     fn latest_ms(&mut self) -> i64 {
-        let now_ms = self.now_ms();
-        let behind_ms = self.jumped.map_or(0, |(to, _)| (self.believed.0 - to.0).max(0));
-        now_ms + behind_ms
+        self.now_ms() + self.behind_ms()
+    }
+
+    /// Returns how many milliseconds the wall clock has jumped back, while that is not believed.
+    fn behind_ms(&self) -> i64 {
+        self.jumped.map_or(0, |(to, _)| (self.believed.0 - to.0).max(0))
     }
 
     /// Returns how many milliseconds of the wall clock's time are not believed.
@@ -148,6 +151,18 @@ mod tests {
             looks(&[(1_000, hour), (50_000, 2 * hour), (70_000, 2 * hour), (110_000, 2 * hour)]),
             [hour, 2 * hour, 2 * hour, 0]
         );
+    }
+
+    #[test]
+    fn a_clock_is_behind_until_it_has_stood_where_it_jumped_to() {
+        let mut clock = SteadyClock { begun: Instant::now(), believed: Offset(0), jumped: None };
+        let behind =
+            [(1_000, -50_000), (30_000, -50_000), (31_000, 40_000), (32_000, 0), (33_000, -9_000), (99_000, -9_000)]
+                .map(|(after_ms, ahead_ms)| {
+                    clock.doubted_ms(after_ms + ahead_ms, Duration::from_millis(after_ms.unsigned_abs()));
+                    clock.behind_ms()
+                });
+        assert_eq!(behind, [50_000, 50_000, 0, 0, 9_000, 0]);
     }
 
     #[test]

@@ -68,7 +68,10 @@ pub(super) async fn complete(
     let CompletionFacts { entry, epoch, .. } = facts;
     let finalized_at_ms =
         entry.finalized_at_ms.ok_or_else(|| StoreError::corrupt("entries", "complete, not finalized"))?;
-    let now_ms = now_ms.max(finalized_at_ms);
+    // A clock that is behind completes no entry before its end, nor before the end of an epoch that is closed: what is
+    // told before that end counts against the epoch's budget.
+    let closed_at_ms = epoch.closed.as_ref().map_or(now_ms, |(closed_at_ms, _)| *closed_at_ms);
+    let now_ms = now_ms.max(finalized_at_ms).max(closed_at_ms);
     query("UPDATE entries SET completed_at_ms = $2 WHERE id = $1")
         .bind(entry_id)
         .bind(now_ms)

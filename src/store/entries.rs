@@ -1,7 +1,8 @@
 //! Entries to an epoch: registered before any instance is issued, and finalized once.
 
-use super::db::{Row, Tx, query, query_as, query_scalar};
+use super::db::{Row, Tx, query, query_as};
 use super::locks::Lock;
+use super::order_of_steps::{Before, not_before};
 use super::rows::from_row;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::grading::ProblemScores;
@@ -171,15 +172,7 @@ impl Store {
         let mut tx = self.begin().await?;
         let Some(entry) = entry_in(&mut tx, id).await? else { return Ok(false) };
         tx.lock([Lock::Epoch(&entry.epoch_id)]).await?;
-        // A clock that is behind signs no end that is older than what it ends.
-        let last_ms: Option<i64> = query_scalar(
-            "SELECT MAX(COALESCE(s.created_at_ms, i.issued_at_ms))
-             FROM instances i LEFT JOIN submissions s ON s.instance_id = i.id WHERE i.entry_id = $1",
-        )
-        .bind(id)
-        .fetch_one(&mut tx)
-        .await?;
-        let now_ms = now_ms.max(last_ms.unwrap_or(now_ms));
+        let now_ms = not_before(&mut tx, Before::OfEntry(id), now_ms).await?;
         let finalized = query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
             .bind(id)
             .bind(now_ms)

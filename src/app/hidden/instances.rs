@@ -17,7 +17,7 @@ use crate::app::replay::complete_log;
 use crate::app::submissions::decision::decide_all;
 use crate::app::submissions::log_size::check_against_prompts;
 use crate::app::submissions::posted::Format;
-use crate::clock::steady::{is_doubted, steady_now_ms};
+use crate::clock::steady::steady_now_ms;
 use crate::clock::{now_ms, rfc3339};
 use crate::store::entries::EntryRow;
 use crate::store::epochs::HIDDEN_SUITE;
@@ -235,7 +235,6 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
         AnswerRefusal::OtherLog => {
             AppError::conflict("already-answered", "the instance was already answered, with another log")
         }
-        AnswerRefusal::Expired if is_doubted() => AppError::clock_in_doubt(),
         AnswerRefusal::Expired => {
             let detail = format!("the instance expired at {}", rfc3339(instance.expires_at_ms));
             AppError::conflict("expired", detail)
@@ -244,7 +243,7 @@ async fn refused(app: &App, refusal: AnswerRefusal, instance: &InstanceRow) -> A
             let epoch = stored_epoch(app, &instance.epoch_id).await?;
             let entry = app.store.entry(&instance.entry_id).await?;
             let is_finalized = entry.is_none_or(|entry| entry.finalized_at_ms.is_some());
-            if is_finalized && !epoch.is_over(now_ms()) {
+            if is_finalized && !epoch.is_over(steady_now_ms()) {
                 AppError::conflict("finalized", "the entry is finalized")
             } else {
                 not_open(&epoch)
