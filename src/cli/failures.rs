@@ -26,7 +26,7 @@ pub struct FailuresArgs {
 /// Commands on failures.
 #[derive(Debug, Subcommand)]
 enum FailuresCommand {
-    /// List the submissions that ended as `grader_error` and were not posted again, with the reasons.
+    /// List the submissions that ended as `grader_error` and can still be graded, with the reasons.
     List,
     /// Queue submissions again once the cause is mended. Each becomes a new submission with the same log, which
     /// supersedes the failed one; the service that runs on the database grades it.

@@ -14,7 +14,7 @@ use super::run_rows::count;
 use super::states::{RunState, SubmissionState};
 use super::{Store, StoreResult, commit};
 
-/// Submission that ended as `grader_error` and was not posted again.
+/// Submission that ended as `grader_error` and can still be graded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FailureRow {
     /// Identifier of the submission.
@@ -70,8 +70,8 @@ from_row!(Failed { id, state, superseded, owner, run_id, run_state, instance_id,
 impl Failed {
     async fn read(tx: &mut Tx, id: &str) -> StoreResult<Option<Self>> {
         query_as(
-            "SELECT s.id, s.state, s.superseded, s.owner, s.run_id, r.state AS run_state, s.instance_id, i.epoch_id,
-                    e.completed_at_ms
+            "SELECT s.id, s.state, s.superseded, s.owner, s.run_id, s.instance_id, i.epoch_id, e.completed_at_ms,
+                    CASE WHEN r.deleted_at_ms IS NULL THEN r.state ELSE 'deleted' END AS run_state
              FROM submissions s LEFT JOIN runs r ON r.id = s.run_id
                   LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN entries e ON e.id = i.entry_id
              WHERE s.id = $1",
@@ -95,14 +95,15 @@ impl Failed {
         self.completed_at_ms.map(|_| RetryRefusal::EntryComplete)
     }
 
-    /// Stores a copy with this identifier in the place of the submission, with its job and its reservation.
+    /// Stores a copy with this identifier in the place of the submission, with its job and its reservation. A clock that is
+    /// behind dates it no earlier than the submission.
     async fn replace(&self, tx: &mut Tx, copy: &str, now_ms: i64) -> StoreResult<()> {
         query("UPDATE submissions SET superseded = TRUE WHERE id = $1").bind(&self.id).execute(&mut *tx).await?;
         query(
             "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
                                       state, created_at_ms, owner, replays, profile, instance_id)
              SELECT $2, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
-                    $3, $4, owner, replays, profile, instance_id
+                    $3, CASE WHEN created_at_ms > $4 THEN created_at_ms ELSE $4 END, owner, replays, profile, instance_id
              FROM submissions WHERE id = $1",
         )
         .bind(&self.id)
@@ -132,7 +133,8 @@ impl Failed {
 }
 
 impl Store {
-    /// Returns the submissions that ended as `grader_error` and were not posted again, the oldest end first.
+    /// Returns the submissions that ended as `grader_error` and can still be graded, the oldest end first. Those whose log
+    /// their owner posted again without a run are left out.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -140,7 +142,14 @@ impl Store {
         query_as(
             "SELECT s.id, s.owner, s.run_id, s.instance_id, s.suite_id, s.task_number, s.error, s.ended_at_ms
              FROM submissions s LEFT JOIN runs r ON r.id = s.run_id
-             WHERE s.state = 'grader_error' AND s.superseded = FALSE AND (r.state IS NULL OR r.state <> 'deleted')
+                  LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN entries e ON e.id = i.entry_id
+             WHERE s.state = 'grader_error' AND s.superseded = FALSE AND r.deleted_at_ms IS NULL
+               AND e.completed_at_ms IS NULL
+               AND NOT (s.run_id IS NULL AND s.instance_id IS NULL
+                        AND EXISTS (SELECT 1 FROM submissions a
+                                    WHERE a.log_hash = s.log_hash AND a.task_hash = s.task_hash AND a.run_id IS NULL
+                                      AND a.instance_id IS NULL AND COALESCE(a.owner, '') = COALESCE(s.owner, '')
+                                      AND a.id > s.id))
              ORDER BY s.ended_at_ms, s.id",
         )
         .fetch_all(&self.readers)

@@ -41,6 +41,7 @@ pub mod members;
 mod migrations;
 pub mod moving;
 pub mod opened_file;
+mod order_of_steps;
 pub mod overview;
 mod pace;
 mod padding;

@@ -54,7 +54,8 @@ pub struct QuotaEntry {
     pub kind: String,
     /// Number of submissions.
     pub units: i64,
-    /// Identifier of the submission; none for a grant.
+    /// Identifier of the submission; none for a grant, and for an answer to a hidden instance until its entry is complete:
+    /// another one would tell that its grading failed.
     pub submission_id: Option<String>,
     /// Reason for the row.
     pub reason: String,
@@ -254,8 +255,11 @@ impl Store {
     /// Returns an error if the database fails.
     pub async fn quota_entries(&self, owner: &str, before: i64, limit: i64) -> StoreResult<Vec<QuotaEntry>> {
         let rows = query_as(
-            "SELECT id, kind, units, submission_id, reason, at_ms FROM quota_entries
-             WHERE owner = $1 AND id < $2 ORDER BY id DESC LIMIT $3",
+            "SELECT q.id, q.kind, q.units, q.reason, q.at_ms,
+                    CASE WHEN i.id IS NULL OR e.completed_at_ms IS NOT NULL THEN q.submission_id END AS submission_id
+             FROM quota_entries q LEFT JOIN submissions s ON s.id = q.submission_id
+                  LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN entries e ON e.id = i.entry_id
+             WHERE q.owner = $1 AND q.id < $2 ORDER BY q.id DESC LIMIT $3",
         )
         .bind(owner)
         .bind(before)

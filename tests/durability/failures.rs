@@ -10,6 +10,9 @@ use crate::support::commands::{plumbline, refused, succeeded};
 use crate::support::database::pool;
 use crate::support::epoch::{Scene, all_are_graded, answer_to, id};
 
+/// What is listed where nothing has failed.
+const NONE: &str = "no submission waits for a failure to be mended";
+
 /// The folder of large logs lost one, which a backup still had.
 #[tokio::test]
 async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
@@ -47,6 +50,15 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     assert!(listed.contains(&large) && listed.contains(&format!("run {run}, task 1 of")), "{listed}");
     assert!(!listed.contains(&quick), "{listed}");
 
+    // Nothing of a deleted run is graded.
+    let rows = pool(&database).await;
+    let delete = "UPDATE runs SET deleted_at_ms = $1";
+    query(delete).bind(1_i64).execute(&rows).await.unwrap();
+    assert_eq!(succeeded(&plumbline(&["failures", "list"], &database)), NONE);
+    let told = refused(&plumbline(&["failures", "retry", &large], &database));
+    assert!(told.contains("its run is deleted"), "{told}");
+    query(delete).bind(None::<i64>).execute(&rows).await.unwrap();
+
     // While the cause lasts, what is retried fails again, and is listed again.
     succeeded(&plumbline(&["failures", "retry", &large], &database));
     let has_failed = |run: &Value| run["grader_errors"] == 1 && run["pending"] == 0;
@@ -60,8 +72,7 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     assert!(told.contains("queued again: 1"), "{told}");
     let finished = service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
     assert_eq!((&finished["graded"], &finished["grader_errors"]), (&json!(2), &json!(0)));
-    let listed = succeeded(&plumbline(&["failures", "list"], &database));
-    assert_eq!(listed, "no submission waits for a failure to be mended");
+    assert_eq!(succeeded(&plumbline(&["failures", "list"], &database)), NONE);
     service.kill();
     audit(&database, &[large, quick], "after the retries").await;
 }
@@ -103,8 +114,9 @@ async fn a_hidden_answer_that_could_not_be_read_is_graded_before_its_entry_is_co
     scene.publish_every = 1;
     scene.restart(None);
     scene.end_epoch().await;
-    let told = refused(&plumbline(&["failures", "retry", "--all"], &database));
-    assert!(told.contains("its entry is complete") && told.contains(&logs[1].0), "{told}");
+    let told = refused(&plumbline(&["failures", "retry", &logs[1].0], &database));
+    assert!(told.contains("its entry is complete"), "{told}");
+    assert_eq!(succeeded(&plumbline(&["failures", "list"], &database)), NONE);
     let reveal = scene.service.get("/v1/epochs/autumn/reveal").await.text;
     let verified = verify(&serde_json::from_str(&reveal).unwrap(), &Kept::default()).unwrap();
     assert!(verified.breaches.is_empty(), "{:?}", verified.breaches);

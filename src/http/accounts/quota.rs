@@ -74,7 +74,7 @@ pub struct QuotaEntryBody {
     pub kind: String,
     /// Number of submissions.
     pub units: i64,
-    /// Identifier of the submission; null for a grant.
+    /// Identifier of the submission; null for a grant, and for an answer to a hidden instance until its entry is complete.
     #[schema(format = Uuid)]
     pub submission: Option<String>,
     /// Reason for the entry.

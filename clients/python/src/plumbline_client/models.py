@@ -2488,7 +2488,7 @@ class QuotaEntryBody(BaseModel):
     """
     submission: UUID | None = None
     """
-    Identifier of the submission; null for a grant.
+    Identifier of the submission; null for a grant, and for an answer to a hidden instance until its entry is complete.
     """
     reason: Annotated[str, Field(examples=["graded, and the report released"])]
     """
