@@ -118,6 +118,8 @@ async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: R
     for task in (series[0], np.int64(number), str(number), f"{number}.0", pa.scalar(number), WALL, np.str_(WALL)):
         request = labels.request({"task": task, "reward": None, "suite": math.nan, "profile": pd.NA}, [good])
         assert request == {"task": WALL if str(task) == WALL else number, "answer": [good]}, task
+    # Rows of the service's own lists have a number of turns.
+    assert labels.request({"task": WALL, "turns": 1, "prompt": "A wall."}, [good]) == {"task": WALL, "answer": [good]}
     # Rows of another data set have no task; Arrow gives each row the members of all.
     wall = {"fn": "size.is_equal", "args": {"xz": [5, 1], "y": 5}}
     made = {"fn": "material.is_all_material_equal_to", "args": {"expected_material": "stone"}}

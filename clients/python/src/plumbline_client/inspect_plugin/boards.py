@@ -21,9 +21,9 @@ _creating: WeakKeyDictionary[asyncio.AbstractEventLoop, asyncio.Lock] = WeakKeyD
 
 
 async def must_have_key(client: AsyncClient, state: TaskState) -> None:
-    """Raises `Unauthorized` before a model is asked, if the service takes no answers without another key.
+    """Raises `Unauthorized` before a model is asked, if the key is none of the service's.
 
-    A hidden evaluation has registered its entry with the key already.
+    What it may do shows when the first sample is submitted. A hidden evaluation has registered its entry with the key already.
     """
     nonce = state.metadata.get("nonce")
     if nonce is not None and nonce not in _known:

@@ -27,7 +27,7 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     looks like one of these misspelt.
     """
     found = read(label)
-    members: Mapping[str, Any] = found if isinstance(found, Mapping) and "turns" not in found else {"task": found}
+    members: Mapping[str, Any] = found if isinstance(found, Mapping) and not is_task(found) else {"task": found}
     refuse_misspelt(members)
     # Data sets for other frameworks call the reward's scheme otherwise.
     schemes = {name: without_nones(members[name]) for name in SCHEMES if not is_missing(members.get(name))}
@@ -57,11 +57,16 @@ def read(value: object) -> Any:
         return value
 
 
+def is_task(members: Mapping[str, Any]) -> bool:
+    """Whether these are the members of a task that is written out, and not of a label."""
+    return is_missing(members.get("task")) and isinstance(members.get("turns"), Sequence)
+
+
 def task_of(value: object) -> Any:
     """Returns a task as requests name it, or None. Tables of data make floats or texts of numbers."""
     found = read(value)
     if isinstance(found, Mapping):
-        return without_nones(found) if "turns" in found else None
+        return without_nones(found) if is_task(found) else None
     if isinstance(found, float) and found.is_integer():
         return int(found)
     if isinstance(found, str) and re.fullmatch(r"[0-9]+", found.strip()):

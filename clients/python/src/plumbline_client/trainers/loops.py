@@ -20,8 +20,9 @@ _coalescers: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str | None, Coale
 def coalescer(url: str | None = None) -> Coalescer:
     """Returns the coalescer of the running loop for a service, by default that of `PLUMBLINE_SERVER`."""
     # Connections hold their loop, so a loop that has ended would stay with them.
-    for loop in [loop for loop in _coalescers if loop.is_closed()]:
-        del _coalescers[loop]
+    for loop in list(_coalescers):
+        if loop.is_closed():
+            _coalescers.pop(loop, None)
     of_loop = _coalescers.setdefault(asyncio.get_running_loop(), {})
     if url not in of_loop:
         of_loop[url] = Coalescer(AsyncClient(url))

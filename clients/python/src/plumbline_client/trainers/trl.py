@@ -47,7 +47,7 @@ async def plumbline(
     given = {"task": task, "scheme": scheme, "suite": suite, "profile": profile}
     shown = {name: first_scheme(column) for name, column in columns.items()}
     refuse_misspelt({**shown, **{name: None for name, column in given.items() if not is_empty(column)}})
-    rows = [index for index in range(len(completions)) if task[index] == "" or not is_missing(task[index])]
+    rows = [index for index in range(len(completions)) if isinstance(task[index], str) or not is_missing(task[index])]
     requests: list[Request] = []
     for index in rows:
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
