@@ -150,11 +150,9 @@ impl Service {
         let mut items = Vec::new();
         let mut after = Value::from(0);
         while !after.is_null() {
-            let mut page = self.get(&format!("{path}&limit=1000&after={after}")).await?;
-            after = page["next_after"].take();
-            if let Value::Array(more) = page[list].take() {
-                items.extend(more);
-            }
+            let page = self.get(&format!("{path}&limit=1000&after={after}")).await?;
+            items.extend(page[list].as_array().into_iter().flatten().cloned());
+            after = page["next_after"].clone();
         }
         Ok(items)
     }

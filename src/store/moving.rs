@@ -79,7 +79,7 @@ enum Kind {
 pub enum Purpose {
     /// The rows stay in the database. No service may use the file meanwhile: what it writes would be missing.
     Move,
-    /// Everything is done but the commit. A service may go on using the file.
+    /// Everything is done but the commit, and what no rollback takes back. A service may go on using the file.
     Rehearse,
 }
 

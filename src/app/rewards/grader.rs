@@ -181,8 +181,8 @@ impl Grader {
         admitted(&self.batches, who, "batches")
     }
 
-    /// Runs work on the threads for its length when the sender gets a slot. If the caller goes away, the work is not begun, or is asked to
-    /// end.
+    /// Runs work on the threads for its length when the sender gets a slot. If the caller goes away, the work is not begun,
+    /// or is asked to end.
     ///
     /// # Errors
     /// Returns 504 if no slot is free in time, and otherwise the error of the work.

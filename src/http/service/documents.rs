@@ -38,7 +38,7 @@ pub async fn get_metrics(State(state): State<AppState>) -> AppResult<impl IntoRe
     // Figures that the process counts itself are served even while the database is unreachable. Figures that only the
     // database has are NaN then.
     let (found, ready) =
-        tokio::join!(tokio::time::timeout(PATIENCE, backlog(&state)), readiness::check_within(&state.app, PATIENCE),);
+        tokio::join!(tokio::time::timeout(PATIENCE, backlog(&state)), readiness::check_within(&state.app, PATIENCE));
     if let Ok(Err(error)) = &found {
         tracing::warn!(detail = error.detail(), "the metrics lack what the database knows");
     }
