@@ -4,6 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::process::Output;
 
 use crate::support::commands::{refused, succeeded};
+use crate::support::database::is_postgres;
 use crate::support::epoch::{Scene, run};
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
@@ -84,20 +85,24 @@ async fn an_epoch_is_verified_from_one_file() {
 
     // The service is gone.
     let archive = unpacked(&scene);
-    only_what_was_saved_in_time_is_a_promise(&scene, &archive);
-    mistakes_of_a_verifier_are_no_breaches(&scene, &archive);
     let kept = scene.file("kept.json").to_str().unwrap().to_owned();
     let verified = |file: &str, more: &[&str]| -> Output { run(&[&["verify-archive", file], more].concat(), None) };
     let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key]));
+    for part in ["26 of 26 grades", "2 boards", "checkpoint of", "w.example has cosigned it"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    assert!(!told.contains("BROKEN"), "{told}");
+    if is_postgres() {
+        // What follows reads files alone, whichever database the epoch was in.
+        return;
+    }
+    only_what_was_saved_in_time_is_a_promise(&scene, &archive);
+    mistakes_of_a_verifier_are_no_breaches(&scene, &archive);
     // A genuine cosignature from before the epoch says nothing of it.
     let mut older = archive.clone();
     older["witnesses"]["witnesses"][0]["note"] = json!(early_note);
     let output = verified(&pack(&scene, "older", &older), &["--commitment", &kept, "--witness", &key]);
     assert!(refused(&output).contains("has not cosigned the log with all receipts"), "{}", refused(&output));
-    for part in ["26 of 26 grades", "2 boards", "checkpoint of", "w.example has cosigned it"] {
-        assert!(told.contains(part), "{part}: {told}");
-    }
-    assert!(!told.contains("BROKEN"), "{told}");
     let changes: [Change; 8] = [
         ("an early board", |it| {
             let board = &mut it["boards"][1];
