@@ -2,7 +2,7 @@
 
 use super::db::{Row, Tx, query, query_as};
 use super::locks::Lock;
-use super::order_of_steps::{Before, not_before};
+use super::order_of_steps::{StepsOf, not_before};
 use super::rows::from_row;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::grading::ProblemScores;
@@ -172,7 +172,7 @@ impl Store {
         let mut tx = self.begin().await?;
         let Some(entry) = entry_in(&mut tx, id).await? else { return Ok(false) };
         tx.lock([Lock::Epoch(&entry.epoch_id)]).await?;
-        let now_ms = not_before(&mut tx, Before::OfEntry(id), now_ms).await?;
+        let now_ms = not_before(&mut tx, StepsOf::Entry(id), now_ms).await?;
         let finalized = query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
             .bind(id)
             .bind(now_ms)

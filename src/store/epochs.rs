@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::db::{Row, Tx, query};
 use super::locks::Lock;
-use super::order_of_steps::{Before, not_before};
+use super::order_of_steps::{StepsOf, not_before};
 use super::pending::publish;
 use super::receipts::announce;
 use super::secrets::EpochSecret;
@@ -168,7 +168,7 @@ pub(super) async fn seal_in(tx: &mut Tx, id: &str) -> StoreResult<()> {
 
 /// Closes an epoch that is neither closed nor past its time; returns whether it did.
 pub(super) async fn close_in(tx: &mut Tx, id: &str, reason: &str, now_ms: i64) -> StoreResult<bool> {
-    let now_ms = not_before(tx, Before::OfEpoch(id), now_ms).await?;
+    let now_ms = not_before(tx, StepsOf::Epoch(id), now_ms).await?;
     let closed = query(
         "UPDATE epochs SET closed_at_ms = $2, closed_reason = $3 WHERE id = $1 AND closed_at_ms IS NULL AND closes_at_ms > $2",
     )

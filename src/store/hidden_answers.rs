@@ -7,7 +7,7 @@ use super::epochs::{EpochRow, epoch_in};
 use super::evidence::witness;
 use super::instances::{InstanceRow, instance_in};
 use super::locks::Lock;
-use super::order_of_steps::{Before, not_before};
+use super::order_of_steps::{StepsOf, not_before};
 use super::postgres::notices::Notice;
 use super::states::SubmissionState;
 use super::submissions::NewSubmission;
@@ -115,7 +115,7 @@ impl Store {
         let epoch_id = instance_in(&mut tx, instance_id).await?.epoch_id;
         tx.lock([Lock::Epoch(&epoch_id), Lock::Owner(submission.owner.as_deref().unwrap_or_default())]).await?;
         let facts = facts_of(&mut tx, instance_id, now_ms).await?;
-        let now_ms = not_before(&mut tx, Before::OfInstance(instance_id), now_ms).await?;
+        let now_ms = not_before(&mut tx, StepsOf::Instance(instance_id), now_ms).await?;
         let before = match decide(new, &facts) {
             AnswerDecision::Store { supersedes } => supersedes,
             AnswerDecision::Repeat => return Ok(Answered::Same(facts.before.and_then(|before| before.receipt))),

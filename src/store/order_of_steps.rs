@@ -8,21 +8,21 @@ use super::db::{Tx, query_scalar};
 
 /// Draws and answers that come before a step.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Before<'a> {
+pub(super) enum StepsOf<'a> {
     /// Those of an instance.
-    OfInstance(&'a str),
+    Instance(&'a str),
     /// Those of an entry.
-    OfEntry(&'a str),
+    Entry(&'a str),
     /// Those of all entries of an epoch.
-    OfEpoch(&'a str),
+    Epoch(&'a str),
 }
 
 /// Returns a time, or if it is later, that of the last of these draws and answers, in milliseconds since 1970.
-pub(super) async fn not_before(tx: &mut Tx, steps: Before<'_>, now_ms: i64) -> StoreResult<i64> {
+pub(super) async fn not_before(tx: &mut Tx, steps: StepsOf<'_>, now_ms: i64) -> StoreResult<i64> {
     let (column, id) = match steps {
-        Before::OfInstance(id) => ("id", id),
-        Before::OfEntry(id) => ("entry_id", id),
-        Before::OfEpoch(id) => ("epoch_id", id),
+        StepsOf::Instance(id) => ("id", id),
+        StepsOf::Entry(id) => ("entry_id", id),
+        StepsOf::Epoch(id) => ("epoch_id", id),
     };
     let text = format!(
         "SELECT MAX(COALESCE(s.created_at_ms, i.issued_at_ms))

@@ -6,7 +6,7 @@ use super::db::{Tx, query, query_scalar};
 use super::epochs::{epoch_in, seal_in};
 use super::evidence::{count_of, witness};
 use super::locks::Lock;
-use super::order_of_steps::{Before, not_before};
+use super::order_of_steps::{StepsOf, not_before};
 use super::pending::publish;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::hidden::evidence::{ClosedFact, Fact};
@@ -47,7 +47,7 @@ async fn settle_in(
     for entry in &open {
         query("UPDATE entries SET finalized_at_ms = $2 WHERE id = $1 AND finalized_at_ms IS NULL")
             .bind(entry)
-            .bind(not_before(tx, Before::OfEntry(entry), now_ms).await?)
+            .bind(not_before(tx, StepsOf::Entry(entry), now_ms).await?)
             .execute(&mut *tx)
             .await?;
         complete(tx, signer, entry, decide, now_ms).await?;
