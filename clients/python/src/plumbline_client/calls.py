@@ -30,6 +30,9 @@ ANY: type[Any] = object
 
 JSON_LINES = "application/x-ndjson"
 
+TYPES_OF_MISSING = ("NAType", "NaTType")
+"""Names of the types of the missing values of pandas."""
+
 
 class Caller(Protocol):
     """What the resources of the blocking client call."""
@@ -164,7 +167,7 @@ def written(value: Any) -> bytes:
 
 def plain(value: Any) -> Any:
     """Returns a value of NumPy, pandas, PyArrow or PyTorch as Python has it; their missing value is None."""
-    if type(value).__name__ in ("NAType", "NaTType"):
+    if type(value).__name__ in TYPES_OF_MISSING:
         return None
     for name in ("as_py", "tolist", "to_pylist"):
         convert = getattr(value, name, None)

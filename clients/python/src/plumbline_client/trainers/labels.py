@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..calls import plain
+from ..calls import TYPES_OF_MISSING, plain
 from ..refused import clean
 
 MEMBERS = ("task", "suite", "profile", "reward")
@@ -78,7 +78,7 @@ def is_missing(value: object) -> bool:
     """Whether a table of data has no value here: None, NaN, the missing value of pandas, or an empty text."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return True
-    return (isinstance(value, str) and not value.strip()) or type(value).__name__ in ("NAType", "NaTType")
+    return (isinstance(value, str) and not value.strip()) or type(value).__name__ in TYPES_OF_MISSING
 
 
 def without_nones(value: Any) -> Any:

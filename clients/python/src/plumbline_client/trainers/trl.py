@@ -38,7 +38,7 @@ async def plumbline(
     Raises an error if the data set is wrong: if a row names a task that the suite does not have, if a column looks like
     one of these misspelt, or if a completion is neither a text nor messages.
     """
-    if not len(completions) == len(task):
+    if len(completions) != len(task):
         raise ValueError(f"there are {len(completions)} completions and {len(task)} tasks")
     # Data sets for other frameworks call it otherwise; a column of numbers is their own.
     others = [columns.get(name) for name in ("reward_scheme", "reward")]
