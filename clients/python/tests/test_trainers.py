@@ -103,12 +103,16 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
     )
     assert labels.request({"task": WALL, "reward": "mean", **others}, [good])["reward"] == "mean"
     monkeypatch.setenv("PLUMBLINE_SERVER", "http://127.0.0.1:1")
-    monkeypatch.setattr("plumbline_client.async_client.Retries", lambda: Retries(most=1, first_s=0.01))
+    monkeypatch.setenv("PLUMBLINE_DEADLINE_S", " 0.3 ")
 
     def elsewhere() -> list[float | None]:
         return asyncio.run(trl.plumbline(prompts=["x"] * 2, completions=[good] * 2, task=[WALL] * 2))
 
     assert await asyncio.to_thread(elsewhere) == [None, None]
+    for wrong in ("soon", "-1", "nan"):
+        monkeypatch.setenv("PLUMBLINE_DEADLINE_S", wrong)
+        with pytest.raises(errors.PlumblineError, match="PLUMBLINE_DEADLINE_S is .* expected seconds"):
+            await asyncio.to_thread(elsewhere)
 
 
 async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: Running, good: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import random
 import time
 import uuid
@@ -68,6 +70,21 @@ class AsyncCaller(Protocol):
     ) -> T: ...
 
 
+def deadline_of_environment() -> float:
+    """Returns the seconds within which a call may be sent again: `PLUMBLINE_DEADLINE_S`, or 120.
+
+    Raises PlumblineError if the variable is no number.
+    """
+    told = os.environ.get("PLUMBLINE_DEADLINE_S", "").strip() or "120"
+    try:
+        seconds = float(told)
+    except ValueError:
+        seconds = math.nan
+    if not seconds >= 0:
+        raise errors.PlumblineError(f"PLUMBLINE_DEADLINE_S is {told!r}: expected seconds, such as 30 or 0.5")
+    return seconds
+
+
 @dataclass(frozen=True)
 class Retries:
     """When a request is sent again.
@@ -77,7 +94,7 @@ class Retries:
     """
 
     most: int = 20
-    deadline_s: float = 120.0
+    deadline_s: float = field(default_factory=deadline_of_environment)
     first_s: float = 0.25
     longest_s: float = 20.0
 
