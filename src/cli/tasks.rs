@@ -56,7 +56,11 @@ pub enum TasksCommand {
     Entailment,
     /// Print the public specifications from which official runs of hidden evaluation draw siblings, one JSON object per
     /// line.
-    Siblings,
+    Siblings {
+        /// Draw the list anew, and do not print the one that this program has.
+        #[arg(long)]
+        draw: bool,
+    },
     /// Print a table of the criteria that each saboteur makes fail, by family.
     Saboteurs,
     /// Check task files in the published format (JSON) or a folder of family files (TOML), and add them to a database
@@ -87,7 +91,8 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
         TasksCommand::Entailment => print(&entailment()?),
-        TasksCommand::Siblings => print(&Siblings::of(GENERATOR_VERSION)?.lines()),
+        TasksCommand::Siblings { draw: false } => print(&Siblings::of(GENERATOR_VERSION)?.lines()),
+        TasksCommand::Siblings { draw: true } => print(&Siblings::draw(GENERATOR_VERSION)?.lines()),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
         TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database),
     }

@@ -20,6 +20,8 @@ async fn an_agent_that_knows_the_public_list_shows_on_the_board() {
     assert_eq!(list.headers["content-type"], "application/x-ndjson");
     let printed = run(&["tasks", "siblings"], None);
     assert_eq!(String::from_utf8(printed.stdout).unwrap(), list.text);
+    let drawn = run(&["tasks", "siblings", "--draw"], None);
+    assert_eq!(String::from_utf8(drawn.stdout).unwrap(), list.text);
     let specifications: Vec<Value> = list.text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(epoch["commitment"]["siblings"]["specifications"], specifications.len());
     let prompts_of = |task: &Value| -> Vec<Value> {

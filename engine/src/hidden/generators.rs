@@ -15,8 +15,7 @@ impl Generator {
         Self::of(GENERATOR_VERSION)
     }
 
-    /// Returns a version of the generator. A program creates each once, which builds the public suites and, for versions
-    /// that draw siblings, their list.
+    /// Returns a version of the generator. A program creates each once, which builds the public suites.
     ///
     /// # Errors
     /// Returns an error if there is no such version, or the embedded files are faulty; a test shows that they are not.

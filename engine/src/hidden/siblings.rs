@@ -5,8 +5,10 @@
 //! solves both alike. The difference is the [`gauge`](super::gauge).
 
 use std::collections::BTreeMap;
+use std::io::Read as _;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
+use flate2::read::GzDecoder;
 use sha2::{Digest as _, Sha256};
 
 use super::GENERATOR_VERSION;
@@ -16,7 +18,7 @@ use super::merkle;
 use super::pool::{Generator, PoolError, Specification, Stratum, strata_of, suite_of};
 use super::secret::EpochKey;
 use super::tlog::tree::leaf;
-use crate::tasks::hex;
+use crate::tasks::{hex, hidden};
 
 /// First version of the generator whose epochs draw siblings. It draws no hidden instance that is on their list.
 pub const FIRST_WITH_SIBLINGS: u32 = 3;
@@ -24,6 +26,11 @@ pub const FIRST_WITH_SIBLINGS: u32 = 3;
 pub(super) const WITH_SIBLINGS: usize = (GENERATOR_VERSION - FIRST_WITH_SIBLINGS + 1) as usize;
 /// Number of specifications in the list of siblings for each instance of a family in a draw.
 const PER_INSTANCE: u32 = 64;
+
+/// The lists as lines of canonical JSON in gzip, by version from [`FIRST_WITH_SIBLINGS`] on. To draw one takes seconds of
+/// each program that verifies an epoch; a test draws them and compares.
+const STORED: [&[u8]; WITH_SIBLINGS] =
+    [include_bytes!("../../../tasks/siblings/3.jsonl.gz"), include_bytes!("../../../tasks/siblings/4.jsonl.gz")];
 
 /// The list of siblings of a version of the generator.
 #[derive(Debug)]
@@ -34,34 +41,48 @@ pub struct Siblings {
 }
 
 impl Siblings {
-    /// Returns the list of a version of the generator. A program makes each once, which takes seconds.
+    /// Returns the list of a version of the generator. A program reads each once.
     ///
     /// # Errors
     /// Returns an error if the version draws no siblings, or the embedded files are faulty; a test shows that they are
     /// not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
-        static MADE: [OnceLock<Siblings>; WITH_SIBLINGS] = [const { OnceLock::new() }; _];
-        static MAKING: Mutex<()> = Mutex::new(());
-        if !(FIRST_WITH_SIBLINGS..=GENERATOR_VERSION).contains(&version) {
-            return Err(PoolError::Files(format!("version {version} of the generator draws no siblings")));
+        static READ: [OnceLock<Siblings>; WITH_SIBLINGS] = [const { OnceLock::new() }; _];
+        static READING: Mutex<()> = Mutex::new(());
+        let index = index_of(version)?;
+        let place = &READ[index];
+        if let Some(read) = place.get() {
+            return Ok(read);
         }
-        let place = &MADE[(version - FIRST_WITH_SIBLINGS) as usize];
-        if let Some(made) = place.get() {
-            return Ok(made);
+        // The first caller reads the list; callers that come meanwhile wait for it.
+        let _alone = READING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(read) = place.get() {
+            return Ok(read);
         }
-        // The first caller makes the list; callers that come meanwhile wait for it.
-        let _alone = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(made) = place.get() {
-            return Ok(made);
-        }
-        let made = Self::make(suite_of(version)?)?;
-        Ok(place.get_or_init(|| made))
+        let read =
+            Self::read(STORED[index], suite_of(version)?).map_err(|fault| PoolError::Files(fault.to_string()))?;
+        Ok(place.get_or_init(|| read))
     }
 
-    fn make(suite: u32) -> Result<Self, PoolError> {
-        // The key is no secret: anybody can make the list.
+    /// Reads a stored list.
+    fn read(stored: &[u8], suite: u32) -> std::io::Result<Self> {
+        let mut text = String::new();
+        GzDecoder::new(stored).read_to_string(&mut text)?;
+        let specifications = text.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
+        let families = hidden::source(suite).map_err(|faults| std::io::Error::other(format!("{faults:?}")))?.families;
+        let strata = strata_of(families.iter(), PER_INSTANCE);
+        Ok(Self::with_root(specifications, strata, text.lines().map(|line| leaf(line.as_bytes()))))
+    }
+
+    /// Draws the list of a version of the generator anew, which takes seconds: anybody can.
+    ///
+    /// # Errors
+    /// Returns the same errors as [`of`](Self::of).
+    pub fn draw(version: u32) -> Result<Self, PoolError> {
+        index_of(version)?;
+        // The key is no secret.
         let key = EpochKey::new(Sha256::digest(b"plumbline public siblings").into());
-        let generator = Generator::of_suite(suite)?;
+        let generator = Generator::of_suite(suite_of(version)?)?;
         let strata = strata_of(generator.families().iter(), PER_INSTANCE);
         let mut specifications = Vec::new();
         for stratum in &strata {
@@ -71,11 +92,15 @@ impl Siblings {
             // Hidden specifications have the same numbers; the id tells them apart.
             own.task.id = format!("{}/sibling-{:05}", own.task.family(), own.leaf);
         }
-        let lines = specifications.iter().map(|own| leaf(&canonical_json(own)));
-        let root = hex(&merkle::root(&lines.collect::<Vec<Hash>>()));
+        let lines: Vec<Vec<u8>> = specifications.iter().map(canonical_json).collect();
+        Ok(Self::with_root(specifications, strata, lines.iter().map(|line| leaf(line))))
+    }
+
+    fn with_root(specifications: Vec<Specification>, strata: Vec<Stratum>, leaves: impl Iterator<Item = Hash>) -> Self {
+        let root = hex(&merkle::root(&leaves.collect::<Vec<Hash>>()));
         let list = SiblingList { specifications: specifications.len() as u32, root };
         let strata = strata.into_iter().map(|own| (own.family.clone(), own)).collect();
-        Ok(Self { specifications, strata, list })
+        Self { specifications, strata, list }
     }
 
     /// Returns all specifications, by leaf of the list.
@@ -111,11 +136,30 @@ impl Siblings {
     }
 }
 
+/// Returns the place of a version in lists of those that draw siblings.
+fn index_of(version: u32) -> Result<usize, PoolError> {
+    let none = || PoolError::Files(format!("version {version} of the generator draws no siblings"));
+    let index = version.checked_sub(FIRST_WITH_SIBLINGS).map(|index| index as usize);
+    index.filter(|index| *index < WITH_SIBLINGS).ok_or_else(none)
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
+
+    #[test]
+    fn each_stored_list_is_what_the_generator_draws() {
+        for version in FIRST_WITH_SIBLINGS..=GENERATOR_VERSION {
+            let (drawn, stored) = (Siblings::draw(version).unwrap(), Siblings::of(version).unwrap());
+            let remedy = "see CONTRIBUTING.md, \"Add a hidden family\"";
+            assert_eq!(drawn.list(), stored.list(), "tasks/siblings/{version}.jsonl.gz is another list; {remedy}");
+            assert!(drawn.specifications() == stored.specifications(), "the stored list is not read as it was written");
+            assert_eq!(drawn.strata, stored.strata);
+        }
+        assert!(Siblings::of(FIRST_WITH_SIBLINGS - 1).is_err() && Siblings::draw(GENERATOR_VERSION + 1).is_err());
+    }
 
     #[test]
     fn no_sibling_returns_as_a_hidden_instance() {

@@ -4,7 +4,7 @@ use crate::app::error::{AppError, AppResult};
 use plumbline_engine::hidden::GENERATOR_VERSION;
 use plumbline_engine::hidden::siblings::{FIRST_WITH_SIBLINGS, Siblings};
 
-/// Returns the list of siblings of a version of the generator. A process makes each once.
+/// Returns the list of siblings of a version of the generator. A process reads each once.
 ///
 /// # Errors
 /// Returns an error (404) if this program has no such version, or it draws none.
@@ -15,6 +15,6 @@ pub async fn siblings(version: u32) -> AppResult<&'static Siblings> {
         );
         return Err(AppError::not_found(detail));
     }
-    let made = tokio::task::spawn_blocking(move || Siblings::of(version)).await;
-    made.map_err(|error| AppError::internal(&error))?.map_err(|error| AppError::internal(&error))
+    let read = tokio::task::spawn_blocking(move || Siblings::of(version)).await;
+    read.map_err(|error| AppError::internal(&error))?.map_err(|error| AppError::internal(&error))
 }
