@@ -111,7 +111,7 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
     assert await asyncio.to_thread(elsewhere) == [None, None]
     for wrong in ("soon", "-1", "nan"):
         monkeypatch.setenv("PLUMBLINE_DEADLINE_S", wrong)
-        with pytest.raises(errors.PlumblineError, match="PLUMBLINE_DEADLINE_S is .* expected seconds"):
+        with pytest.raises(errors.PlumblineError, match=r"PLUMBLINE_DEADLINE_S is .* expected seconds"):
             await asyncio.to_thread(elsewhere)
 
 
@@ -148,6 +148,8 @@ async def test_tables_of_data_name_tasks_as_their_libraries_hold_them(service: R
         log_metric=metric.__setitem__,
     )
     assert rewards == [1.0, None, 1.0] and metric == {"plumbline/failed": 0.0}
+    column = pa.array([number, None])
+    assert await trl.plumbline(["x"] * 2, [good] * 2, column, suite=pa.array([None, None], pa.string())) == [1.0, None]
     label = {**table[0], "profile": "mindcraft"}
     text = json.dumps(label)
     assert (await verl.compute_score("x", good, text))["score"] == 1.0
@@ -173,6 +175,8 @@ async def test_what_is_no_completion_is_an_error_and_no_reward_of_0(good: str) -
     ]:
         with pytest.raises(ValueError, match=why):
             await trl.plumbline(["x"] * 2, [good, completion], [WALL] * 2)
+    with pytest.raises(ValueError, match="an answer is a text, and this is 5"):
+        await verl.compute_score("x", 5, WALL)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="2 completions and 1 tasks"):
         await trl.plumbline(["x"] * 2, [good] * 2, [WALL])
     said = {"role": "Assistant", "content": [good]}

@@ -23,8 +23,8 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
 
     A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
     other members belong to the data set. A task may be written out, as a mapping or JSON with `turns`. A text that is
-    None, as of a model that only called tools, is empty. Raises ValueError if the label names no task, or if a member
-    looks like one of these misspelt.
+    None, as of a model that only called tools, is empty. Raises ValueError if the label names no task, if a member looks
+    like one of these misspelt, or if a text is none.
     """
     found = read(label)
     members: Mapping[str, Any] = found if isinstance(found, Mapping) and not is_task(found) else {"task": found}
@@ -39,6 +39,9 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     named = {name: members[name] for name in MEMBERS if not is_missing(members.get(name))}
     if "task" not in named:
         raise ValueError(f"the label {label!r} names no task: expected an id, a number, or a task with turns")
+    for text in texts:
+        if text is not None and not isinstance(text, str):
+            raise ValueError(f"an answer is a text, and this is {repr(text)[:200]}")
     return {**named, "answer": ["" if text is None else clean(text) for text in texts]}
 
 
@@ -75,7 +78,9 @@ def task_of(value: object) -> Any:
 
 
 def is_missing(value: object) -> bool:
-    """Whether a table of data has no value here: None, NaN, the missing value of pandas, or an empty text."""
+    """Whether a table of data has no value here: None, NaN, the missing value of pandas or Arrow, or an empty text."""
+    if hasattr(value, "as_py"):
+        value = plain(value)
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return True
     return (isinstance(value, str) and not value.strip()) or type(value).__name__ in TYPES_OF_MISSING
