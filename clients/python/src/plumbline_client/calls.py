@@ -73,7 +73,7 @@ class AsyncCaller(Protocol):
 def deadline_of_environment() -> float:
     """Returns the seconds within which a call may be sent again: `PLUMBLINE_DEADLINE_S`, or 120.
 
-    Raises PlumblineError if the variable is no number.
+    Raises PlumblineError if the variable is not a number of seconds.
     """
     told = os.environ.get("PLUMBLINE_DEADLINE_S", "").strip() or "120"
     try:
@@ -90,7 +90,7 @@ class Retries:
     """When a request is sent again.
 
     The service's `Retry-After` is honoured. Otherwise the delay doubles from `first_s` up to `longest_s`, with full
-    jitter. Nothing is sent again after `deadline_s` seconds or `most` retries.
+    jitter. Nothing is sent again after `deadline_s` seconds, by default `PLUMBLINE_DEADLINE_S` or 120, or `most` retries.
     """
 
     most: int = 20

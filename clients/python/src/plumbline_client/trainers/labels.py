@@ -24,7 +24,7 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     A label is a task's id or number, or JSON (or a mapping) with `task` and, if wanted, `suite`, `profile` and `reward`;
     other members belong to the data set. A task may be written out, as a mapping or JSON with `turns`. A text that is
     None, as of a model that only called tools, is empty. Raises ValueError if the label names no task, if a member looks
-    like one of these misspelt, or if a text is none.
+    like one of these misspelt, or if an answer is something other than a text.
     """
     found = read(label)
     members: Mapping[str, Any] = found if isinstance(found, Mapping) and not is_task(found) else {"task": found}
@@ -39,9 +39,9 @@ def request(label: object, texts: Sequence[str | None]) -> dict[str, Any]:
     named = {name: members[name] for name in MEMBERS if not is_missing(members.get(name))}
     if "task" not in named:
         raise ValueError(f"the label {label!r} names no task: expected an id, a number, or a task with turns")
-    for text in texts:
-        if text is not None and not isinstance(text, str):
-            raise ValueError(f"an answer is a text, and this is {repr(text)[:200]}")
+    wrong = next((text for text in texts if not isinstance(text, str | None)), None)
+    if wrong is not None:
+        raise ValueError(f"an answer is a text, and this is {repr(wrong)[:200]}")
     return {**named, "answer": ["" if text is None else clean(text) for text in texts]}
 
 
