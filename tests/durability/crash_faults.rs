@@ -7,9 +7,7 @@
 use std::process::Command;
 use std::time::Duration;
 
-use futures_util::StreamExt as _;
-
-use super::scene::{LEASE, Scene};
+use super::scene::{LEASE, Scene, on_threads};
 use crate::support::PROGRAM;
 use crate::support::place::Place;
 
@@ -33,10 +31,10 @@ async fn flicker(place: &Place, fault: u64) {
 }
 
 /// Kills a service at a moment of its work under a fault. Returns the number of submissions that were acknowledged.
-async fn killed(moment: &str, fault: u64) -> usize {
+async fn killed((moment, fault): (String, u64)) -> usize {
     let (mut scene, place) = Scene::with_faults().await;
     let mut command = Command::new(PROGRAM);
-    command.env("PLUMBLINE_TEST_KILL", moment);
+    command.env("PLUMBLINE_TEST_KILL", &moment);
     let service = place.start(command, &LEASE);
     let course = async {
         // `None` where it died in the middle.
@@ -68,14 +66,7 @@ async fn killed_at_each_commit_under_faults() {
     } else {
         (0..).zip(ORDINARY).map(|(i, moment)| (moment.to_owned(), i % kinds)).collect()
     };
-    // Each on a thread of its own: starting one would hold up the connections and the faults of the others.
-    let runtime = tokio::runtime::Handle::current();
-    let scene = |(moment, fault): (String, u64)| {
-        let runtime = runtime.clone();
-        tokio::task::spawn_blocking(move || runtime.block_on(killed(&moment, fault)))
-    };
-    let scenes = futures_util::stream::iter(scenes).map(scene).buffer_unordered(AT_ONCE);
-    let acknowledged: Vec<usize> = scenes.map(Result::unwrap).collect().await;
+    let acknowledged = on_threads(scenes, AT_ONCE, killed).await;
     // A service that dies at its first run or submission has acknowledged none.
     let with_any = acknowledged.iter().filter(|count| **count > 0).count();
     assert!(2 * with_any > acknowledged.len(), "hardly anything was acknowledged: {acknowledged:?}");

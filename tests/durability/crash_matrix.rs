@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use super::scene::{LEASE, Scene, slow};
+use super::scene::{LEASE, Scene, on_threads, slow};
 use crate::support::audit::audit;
 use crate::support::database::{is_postgres, pool};
 use crate::support::{PROGRAM, Service};
@@ -20,21 +20,19 @@ async fn change(database: &Path, text: impl Into<Text>, id: &str) {
     pool.close().await;
 }
 
+async fn killed(moment: String) {
+    let mut scene = Scene::new();
+    let service = scene.start_to_die(&moment);
+    let _ = scene.work(&service).await;
+    service.wait_for_end(&format!("{moment}, {}", scene.last())).await;
+    scene.end_well(&moment).await;
+}
+
 #[tokio::test]
 async fn killed_before_and_after_each_commit() {
     let commits = ["create_run", "accept", "claim", "renew", "record", "cancel", "finish_run", "note_key_uses"];
-    for commit in commits {
-        let both = ["before", "after"].map(|side| async move {
-            let moment = format!("{side} {commit}");
-            let mut scene = Scene::new();
-            let service = scene.start_to_die(&moment);
-            let _ = scene.work(&service).await;
-            service.wait_for_end(&moment).await;
-            scene.end_well(&moment).await;
-        });
-        let [one, other] = both;
-        tokio::join!(one, other);
-    }
+    let moments = commits.iter().flat_map(|commit| ["before", "after"].map(|side| format!("{side} {commit}")));
+    on_threads(moments, 2, killed).await;
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;
 
+use futures_util::StreamExt as _;
 use plumbline_engine::checks::Criterion;
 use plumbline_engine::tasks::embedded;
 use reqwest::{RequestBuilder, StatusCode};
@@ -163,6 +164,21 @@ impl Scene {
         assert!(service.terminate());
         audit(&self.database, &self.acknowledged, when).await;
     }
+}
+
+/// Plays scenes, so many at a time, each on a thread of its own. Starting a service blocks its thread, which would hold up
+/// the requests of another scene until the other service hangs up. Returns what each gives, in the order of their ends.
+pub async fn on_threads<S, F>(scenes: impl IntoIterator<Item = S>, at_once: usize, play: fn(S) -> F) -> Vec<F::Output>
+where
+    S: Send + 'static,
+    F: Future<Output: Send> + 'static,
+{
+    let runtime = tokio::runtime::Handle::current();
+    let start = |scene| {
+        let runtime = runtime.clone();
+        tokio::task::spawn_blocking(move || runtime.block_on(play(scene)))
+    };
+    futures_util::stream::iter(scenes).map(start).buffer_unordered(at_once).map(Result::unwrap).collect().await
 }
 
 /// A cube under stress: grading it takes longer than the interval at which a lease is renewed.
