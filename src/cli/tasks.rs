@@ -91,8 +91,8 @@ pub fn run(command: TasksCommand) -> anyhow::Result<ExitCode> {
         TasksCommand::Validate(args) => validate::run(&args),
         TasksCommand::Schema => print(&format!("{}\n", serde_json::to_string_pretty(&json_schema())?)),
         TasksCommand::Entailment => print(&entailment()?),
-        TasksCommand::Siblings { draw: false } => print(&Siblings::of(GENERATOR_VERSION)?.lines()),
-        TasksCommand::Siblings { draw: true } => print(&Siblings::draw(GENERATOR_VERSION)?.lines()),
+        TasksCommand::Siblings { draw: false } => print(Siblings::of(GENERATOR_VERSION)?.lines()),
+        TasksCommand::Siblings { draw: true } => print(Siblings::draw(GENERATOR_VERSION)?.lines()),
         TasksCommand::Saboteurs => print(&saboteur_table::markdown(&suite()?)),
         TasksCommand::Import { files, suite, database } => import(&files, suite.as_deref(), database),
     }

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use flate2::read::GzDecoder;
 use sha2::{Digest as _, Sha256};
@@ -36,6 +36,8 @@ const STORED: [&[u8]; WITH_SIBLINGS] =
 #[derive(Debug)]
 pub struct Siblings {
     specifications: Vec<Specification>,
+    /// Lines of canonical JSON (RFC 8785), one for each specification.
+    lines: String,
     strata: BTreeMap<String, Stratum>,
     list: SiblingList,
 }
@@ -48,17 +50,12 @@ impl Siblings {
     /// not.
     pub fn of(version: u32) -> Result<&'static Self, PoolError> {
         static READ: [OnceLock<Siblings>; WITH_SIBLINGS] = [const { OnceLock::new() }; _];
-        static READING: Mutex<()> = Mutex::new(());
         let index = index_of(version)?;
         let place = &READ[index];
         if let Some(read) = place.get() {
             return Ok(read);
         }
-        // The first caller reads the list; callers that come meanwhile wait for it.
-        let _alone = READING.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(read) = place.get() {
-            return Ok(read);
-        }
+        // Callers that come at once may each read it, which takes a tenth of a second; all get the same one.
         let read =
             Self::read(STORED[index], suite_of(version)?).map_err(|fault| PoolError::Files(fault.to_string()))?;
         Ok(place.get_or_init(|| read))
@@ -66,12 +63,12 @@ impl Siblings {
 
     /// Reads a stored list.
     fn read(stored: &[u8], suite: u32) -> std::io::Result<Self> {
-        let mut text = String::new();
-        GzDecoder::new(stored).read_to_string(&mut text)?;
-        let specifications = text.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
+        let mut lines = String::new();
+        GzDecoder::new(stored).read_to_string(&mut lines)?;
+        let specifications = lines.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
         let families = hidden::source(suite).map_err(|faults| std::io::Error::other(format!("{faults:?}")))?.families;
         let strata = strata_of(families.iter(), PER_INSTANCE);
-        Ok(Self::with_root(specifications, strata, text.lines().map(|line| leaf(line.as_bytes()))))
+        Ok(Self::with_root(specifications, lines, strata))
     }
 
     /// Draws the list of a version of the generator anew, which takes seconds: anybody can.
@@ -92,15 +89,17 @@ impl Siblings {
             // Hidden specifications have the same numbers; the id tells them apart.
             own.task.id = format!("{}/sibling-{:05}", own.task.family(), own.leaf);
         }
-        let lines: Vec<Vec<u8>> = specifications.iter().map(canonical_json).collect();
-        Ok(Self::with_root(specifications, strata, lines.iter().map(|line| leaf(line))))
+        let line = |own| String::from_utf8(canonical_json(own)).expect("JSON is text") + "\n";
+        let lines = specifications.iter().map(line).collect();
+        Ok(Self::with_root(specifications, lines, strata))
     }
 
-    fn with_root(specifications: Vec<Specification>, strata: Vec<Stratum>, leaves: impl Iterator<Item = Hash>) -> Self {
-        let root = hex(&merkle::root(&leaves.collect::<Vec<Hash>>()));
+    fn with_root(specifications: Vec<Specification>, lines: String, strata: Vec<Stratum>) -> Self {
+        let leaves: Vec<Hash> = lines.lines().map(|line| leaf(line.as_bytes())).collect();
+        let root = hex(&merkle::root(&leaves));
         let list = SiblingList { specifications: specifications.len() as u32, root };
         let strata = strata.into_iter().map(|own| (own.family.clone(), own)).collect();
-        Self { specifications, strata, list }
+        Self { specifications, lines, strata, list }
     }
 
     /// Returns all specifications, by leaf of the list.
@@ -111,9 +110,8 @@ impl Siblings {
 
     /// Returns the list as lines of canonical JSON (RFC 8785), whose hashes give the root.
     #[must_use]
-    pub fn lines(&self) -> String {
-        let line = |own| String::from_utf8(canonical_json(own)).expect("JSON is text") + "\n";
-        self.specifications.iter().map(line).collect()
+    pub fn lines(&self) -> &str {
+        &self.lines
     }
 
     /// Returns what a commitment says of the list.

@@ -4,9 +4,8 @@ use axum::body::Bytes;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::Deserialize;
-use tokio::sync::OnceCell;
 
-use crate::app::error::{AppError, AppResult};
+use crate::app::error::AppResult;
 use crate::app::hidden::siblings::siblings;
 use crate::http::extract::conditional::has_tag;
 use crate::http::extract::params::Params;
@@ -38,14 +37,9 @@ pub struct SiblingsQuery {
     )
 )]
 pub async fn list_siblings(Params(query): Params<SiblingsQuery>, headers: HeaderMap) -> AppResult<Response> {
-    static LINES: [OnceCell<Bytes>; GENERATOR_VERSION as usize] = [const { OnceCell::const_new() }; _];
     let version = query.generator_version.unwrap_or(GENERATOR_VERSION);
     // Fails if there is no such version.
     let list = siblings(version).await?;
-    let lines = LINES[version as usize - 1]
-        .get_or_try_init(|| async { tokio::task::spawn_blocking(|| Bytes::from(list.lines())).await })
-        .await
-        .map_err(|error| AppError::internal(&error))?;
     let etag = format!("\"{}\"", list.list().root);
     let kept = [
         (header::CONTENT_TYPE, "application/x-ndjson".to_owned()),
@@ -55,5 +49,5 @@ pub async fn list_siblings(Params(query): Params<SiblingsQuery>, headers: Header
     if has_tag(&headers, &etag) {
         return Ok((StatusCode::NOT_MODIFIED, kept).into_response());
     }
-    Ok((kept, lines.clone()).into_response())
+    Ok((kept, Bytes::from_static(list.lines().as_bytes())).into_response())
 }
