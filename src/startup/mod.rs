@@ -310,6 +310,10 @@ async fn listen(option: &str, place: &str) -> anyhow::Result<TcpListener> {
 }
 
 async fn store_suites(store: &Store) -> anyhow::Result<()> {
+    if store.has_suites(&embedded::CONTENTS).await? {
+        store.refresh_catalogue().await?;
+        return Ok(());
+    }
     let suites =
         embedded::suites().map_err(|faults| anyhow::anyhow!("the suite of this program is faulty: {faults:?}"))?;
     for suite in suites {

@@ -1,14 +1,13 @@
 //! Suites and their tasks. A stored suite never changes; a change needs a new version.
 
-use sha2::{Digest as _, Sha256};
-
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::db::{Tx, query, query_scalar};
+use super::db::{Tx, query, query_as, query_scalar};
 use super::locks::Lock;
 use super::{Store, StoreError, StoreResult, commit};
 use plumbline_engine::tasks::catalogue::Catalogue;
-use plumbline_engine::tasks::{Suite, Task, hex};
+use plumbline_engine::tasks::{Suite, Task, content_hash_of};
 
 /// Outcome of storing a suite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,6 +21,17 @@ pub enum SuiteStored {
 }
 
 impl Store {
+    /// Returns whether the database has each of these suites, given by identifier and content hash.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn has_suites(&self, wanted: &[(&str, &str)]) -> StoreResult<bool> {
+        let stored: Vec<(String, String)> =
+            query_as("SELECT id, content_hash FROM suites").fetch_all(&self.readers).await?;
+        let stored: BTreeMap<String, String> = stored.into_iter().collect();
+        Ok(wanted.iter().all(|(id, hash)| stored.get(*id).is_some_and(|own| own == hash)))
+    }
+
     /// Stores a suite with its tasks.
     ///
     /// # Errors
@@ -29,7 +39,7 @@ impl Store {
     pub async fn put_suite(&self, suite: &Suite, now_ms: i64) -> StoreResult<SuiteStored> {
         const STORED: &str = "SELECT content_hash FROM suites WHERE id = $1";
         let hashes: Vec<String> = suite.tasks.iter().map(Task::content_hash).collect();
-        let content_hash = content_hash(&hashes, suite.preamble.as_deref());
+        let content_hash = content_hash_of(&hashes, suite.preamble.as_deref());
         let outcome = |stored: String| {
             if stored == content_hash { SuiteStored::Unchanged } else { SuiteStored::Conflict }
         };
@@ -135,11 +145,6 @@ impl Store {
         suites.sort_by(|a, b| (&a.name, a.version).cmp(&(&b.name, b.version)));
         Ok(suites)
     }
-}
-
-/// Computes the hash of a suite's content, from those of its tasks and from its preamble, if it has one.
-pub(super) fn content_hash(tasks: &[String], preamble: Option<&str>) -> String {
-    hex(&Sha256::digest(tasks.concat() + preamble.unwrap_or_default()))
 }
 
 /// Reads the tasks of a suite within the transaction.

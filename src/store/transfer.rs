@@ -19,10 +19,9 @@ use super::locks::Lock;
 use super::queue::{Lane, NewJob, enter};
 use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::submissions::stored_log;
-use super::suites::content_hash;
 use super::transfer_tables::{Form, KINDS, Kind, PUBLIC};
 use super::{Store, StoreError, StoreResult, commit, schema};
-use plumbline_engine::tasks::{Task, hex};
+use plumbline_engine::tasks::{Task, content_hash_of, hex};
 use plumbline_engine::voxel::BlockLog;
 
 /// Line of an export: the columns of a row in their order, and for submissions the id of the task.
@@ -285,7 +284,7 @@ async fn must_be_whole(tx: &mut Tx) -> Result<(), ImportError> {
             .bind(&id)
             .fetch_all(&mut *tx)
             .await?;
-        if content_hash(&hashes, preamble.as_deref()) != stored {
+        if content_hash_of(&hashes, preamble.as_deref()) != stored {
             return Err(ImportError::Cut(id));
         }
     }

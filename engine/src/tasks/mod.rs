@@ -120,6 +120,12 @@ impl Task {
     }
 }
 
+/// Computes the hash of a suite's content from those of its tasks, in hex, and from its preamble.
+#[must_use]
+pub fn content_hash_of(tasks: &[String], preamble: Option<&str>) -> String {
+    hex(&Sha256::digest(tasks.concat() + preamble.unwrap_or_default()))
+}
+
 /// An ordered set of tasks with a name and a version. Changing any task requires a new version.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suite {
@@ -138,6 +144,13 @@ impl Suite {
     #[must_use]
     pub fn id(&self) -> String {
         format!("{}@{}", self.name, self.version)
+    }
+
+    /// Returns the hash of the suite's content: of the hashes of its tasks, in order, and of its preamble, if it has one.
+    #[must_use]
+    pub fn content_hash(&self) -> String {
+        let tasks: Vec<String> = self.tasks.iter().map(Task::content_hash).collect();
+        content_hash_of(&tasks, self.preamble.as_deref())
     }
 
     /// Returns the profile of action code that names none: `mindcraft` for the benchmark's suites from version 3 on,
