@@ -77,14 +77,7 @@ fn client(settings: &WebhookSettings) -> reqwest::Result<Client> {
 
 /// Delivers messages until the service stops. Any number of nodes may do so at the same time.
 pub async fn deliver(app: Arc<App>) {
-    let client = match client(&app.webhooks) {
-        Ok(client) => client,
-        Err(error) => {
-            tracing::error!(%error, "webhooks are not delivered: no HTTP client");
-            return;
-        }
-    };
-    let mut rounds = Rounds { client, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
+    let mut rounds = Rounds { client: None, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
     let mut forgotten = tokio::time::Instant::now();
     while !app.stop.is_cancelled() {
         let now = steady_now_ms();
@@ -122,7 +115,8 @@ type Of = (String, String);
 
 /// What one round of deliveries leaves to the next.
 struct Rounds {
-    client: Client,
+    /// Made for the first delivery: many services have no webhooks, and reading the system's certificates takes a while.
+    client: Option<Client>,
     attempts: JoinSet<Of>,
     /// Number of attempts of each webhook that are under way.
     underway: BTreeMap<Of, usize>,
@@ -188,10 +182,25 @@ impl Rounds {
         Ok(())
     }
 
+    /// Returns the client, which is made once it is needed; none if it cannot be made.
+    fn client(&mut self, settings: &WebhookSettings) -> Option<Client> {
+        if self.client.is_none() {
+            match client(settings) {
+                Ok(made) => self.client = Some(made),
+                Err(error) => tracing::error!(%error, "webhooks are not delivered: no HTTP client"),
+            }
+        }
+        self.client.clone()
+    }
+
     /// Begins attempts of deliveries that are due: first those of webhooks with the fewest under way, a few of each
     /// webhook and each owner at a time, so that slow endpoints hold up no others.
     async fn begin_attempts(&mut self, app: &Arc<App>) -> StoreResult<()> {
         let mut due = app.store.webhooks_with_due_deliveries(now_ms()).await?;
+        if due.is_empty() {
+            return Ok(());
+        }
+        let Some(client) = self.client(&app.webhooks) else { return Ok(()) };
         while self.attempts.len() < AT_ONCE {
             let of_owner =
                 |owner: &str| self.underway.iter().filter(|(of, _)| of.1 == owner).map(|(_, n)| n).sum::<usize>();
@@ -206,7 +215,7 @@ impl Rounds {
                 continue;
             };
             *self.underway.entry(next).or_default() += 1;
-            self.attempts.spawn(attempt(Arc::clone(app), self.client.clone(), webhook, taken));
+            self.attempts.spawn(attempt(Arc::clone(app), client.clone(), webhook, taken));
         }
         Ok(())
     }
