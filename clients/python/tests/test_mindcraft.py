@@ -67,6 +67,8 @@ def test_a_run_of_the_pipeline_becomes_a_run(service: Running, client: Client, t
         for turn, (prompt, good) in enumerate(zip(task.prompts, turns, strict=True), start=1):
             # A first attempt that did nothing, and then the wall in two halves.
             half = len(good["rows"]) // 2
+            if number == 1:
+                pipeline.file("await (((")
             pipeline.file(TEMPLATE.format("//no response"))
             pipeline.file(wrapped(good["rows"][:half], good["palette"]))
             pipeline.file(wrapped(good["rows"][half:], good["palette"]))
@@ -77,6 +79,8 @@ def test_a_run_of_the_pipeline_becomes_a_run(service: Running, client: Client, t
     assert (refused.returncode, "19 are missing" in refused.stdout) == (1, True)
     done = command(service, str(tmp_path), "--agent", "piped", "--suite", "mineceraft-lite@4", "--partial")
     assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith(f"server {service.url}\n")
+    assert f"{tasks[0].id}: the code of turn 1 is not JavaScript: SyntaxError" in done.stdout
     run = client.runs.list(agent="piped").runs[0]
     assert (run.graded, run.skipped, run.suite) == (len(tasks), 25 - len(tasks), "mineceraft-lite@4")
     found = client.runs.wait(run.id)
@@ -114,6 +118,14 @@ def test_what_contradicts_itself_is_refused_with_its_place(service: Running, cli
     with (pipeline.folder / "mineCEraft/eval_results/eval_m-7b_20260304_220701_raw.json").open("a") as file:
         file.write('{"run_idx": 1')
     with pytest.raises(UnreadableRecords, match=r"line 2: not JSON"):
+        read_records(tmp_path, "all")
+    [raw] = (tmp_path / "mineCEraft/eval_results").iterdir()
+    raw.write_text(json.dumps(pipeline.records))
+    with pytest.raises(UnreadableRecords, match=r"line 1: expected an object on each line; `jq -c '\.\[\]'`"):
+        read_records(tmp_path, "all")
+    pipeline.save()
+    (pipeline.code / f"{pipeline.index}.js").write_bytes("// Stein\nplace('größe')".encode("latin-1"))
+    with pytest.raises(UnreadableRecords, match=r"4\.js, line 2: not UTF-8"):
         read_records(tmp_path, "all")
     shutil.rmtree(tmp_path / "mineCEraft")
     with pytest.raises(UnreadableRecords, match="neither raw records"):

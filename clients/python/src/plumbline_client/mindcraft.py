@@ -72,7 +72,7 @@ def from_raw(raw: Path, folder: Path, files: Files) -> list[TaskRecord]:
     code = action_files(folder)
     tasks: dict[int, TaskRecord] = {}
     before, coords = -1, None
-    for number, line in enumerate(raw.read_text(encoding="utf-8-sig").split("\n"), start=1):
+    for number, line in enumerate(text_of(raw).removeprefix("\ufeff").split("\n"), start=1):
         if not line.strip():
             continue
         place = f"{raw.name}, line {number}"
@@ -107,14 +107,29 @@ def from_raw(raw: Path, folder: Path, files: Files) -> list[TaskRecord]:
     return list(tasks.values())
 
 
+def text_of(path: Path) -> str:
+    """Reads a file of UTF-8."""
+    content = path.read_bytes()
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise UnreadableRecords(
+            f"{path}, line {line}: not UTF-8 ({error.reason}); convert the file, or move it away if nothing needs it"
+        ) from None
+
+
 def record_of(line: str, place: str) -> dict[str, Any]:
     """Reads one record."""
+    remedy = (
+        "expected an object on each line; `jq -c '.[]'` makes lines of an array, `jq -c .` of objects that fill several"
+    )
     try:
         record = json.loads(line)
     except ValueError as error:
-        raise UnreadableRecords(f"{place}: not JSON: {error}") from None
+        raise UnreadableRecords(f"{place}: not JSON: {error}; {remedy}") from None
     if not isinstance(record, dict):
-        raise UnreadableRecords(f"{place}: expected an object")
+        raise UnreadableRecords(f"{place}: {remedy}")
     for member in ("run_idx", "turn_idx"):
         if not isinstance(record.get(member), int):
             raise UnreadableRecords(f"{place}: {member} is missing, or no number")
@@ -149,7 +164,7 @@ def numbered(folder: Path) -> dict[int, Path]:
 def texts(code: dict[int, Path], indices: list[int], files: Files) -> list[str]:
     """Reads files in order."""
     wanted = indices[-1:] if files == "last" else indices
-    return [code[index].read_text(encoding="utf-8", errors="replace") for index in wanted]
+    return [text_of(code[index]) for index in wanted]
 
 
 def from_folders(folder: Path, files: Files) -> list[TaskRecord]:

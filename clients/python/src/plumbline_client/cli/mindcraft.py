@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ def run(given: argparse.Namespace) -> int:
     """Runs the command."""
     records = read_records(given.records, given.files)
     with Client(given.server, given.key) as client:
+        print(f"server {client.url}", file=sys.stderr)
         suite = client.suites.get(given.suite).id
         known = list(client.tasks.all(suite, track=given.track))
         paired = pairs(records, known, must_match=not given.any_prompt)
@@ -76,11 +78,18 @@ def run(given: argparse.Namespace) -> int:
             turns: list[dict[str, Any]] = [
                 {"action_code": texts} if texts else {"events": []} for texts in record.turns
             ]
+            reasons: list[str] = []
             try:
-                client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
+                accepted = client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
             except Faulty as refused:
                 turns, reasons = without_refused(turns, refused)
-                client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
+                accepted = client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
+            reasons += [
+                f"the code of turn {replay.turn} {'is not JavaScript' if replay.unreadable else 'failed'}: {replay.error.message}"
+                for replay in accepted.action_code or []
+                if replay.error is not None
+            ]
+            if reasons:
                 tqdm.write(f"{task.id}: {'; '.join(reasons)}")
         try:
             client.runs.finish(run.id, skip="unanswered")
