@@ -47,6 +47,9 @@ const IDLE_LOOK: Duration = Duration::from_millis(400);
 /// Pause after a failure of the database.
 const ERROR_PAUSE: Duration = Duration::from_secs(1);
 
+/// Time after which a failure that lasts is logged again.
+const TOLD_AGAIN: Duration = Duration::from_mins(1);
+
 /// Niceness of the thread that grades answers to hidden instances: the duration of such a grading must not show in how
 /// fast others are served.
 const HIDDEN_NICENESS: i32 = 10;
@@ -143,6 +146,8 @@ impl Worker {
     }
 
     async fn run(self) {
+        // The failure to look for jobs that was told last, while it lasts.
+        let mut told: Option<(String, Instant)> = None;
         while !self.stop.is_cancelled() {
             // Listen before looking, so that a job added in between wakes this worker.
             let woken = self.store.queued().notified();
@@ -167,10 +172,16 @@ impl Worker {
                     }
                 }
                 Err(error) => {
-                    tracing::error!(%error, "could not look for jobs");
+                    let what = error.to_string();
+                    if told.as_ref().is_none_or(|(before, at)| *before != what || at.elapsed() > TOLD_AGAIN) {
+                        tracing::error!(error = what, "could not look for jobs");
+                        told = Some((what, Instant::now()));
+                    }
                     self.pause(ERROR_PAUSE).await;
+                    continue;
                 }
             }
+            told = None;
         }
     }
 
