@@ -16,6 +16,9 @@ use plumbline_engine::text::counted;
 use plumbline_engine::voxel::replay::events_between;
 use plumbline_engine::voxel::{BlockLog, Structure};
 
+/// What reads records whose numbers are not those of the suite.
+const NUMBERED_ANEW: &str = "`plumbline-client mindcraft` (Python package) finds tasks by their prompts, where the pipeline left its action files";
+
 /// Arguments of `submit`.
 #[derive(Debug, Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
@@ -78,7 +81,7 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
         answers.retain(|answer| tasks.contains_key(&answer.number));
         if answers.len() < given && !args.only_suite {
             let others = given - answers.len();
-            bail!("{others} of {given} problems are not in {suite}; --only-suite leaves them out");
+            bail!("{others} of {given} problems are not in {suite}; --only-suite leaves them out; {NUMBERED_ANEW}");
         }
         if answers.is_empty() {
             bail!("{} holds no problem of {suite}", args.file.display());
@@ -157,7 +160,7 @@ fn must_ask_the_same(problems: &[RecordedProblem], tasks: &BTreeMap<u32, String>
     let prompt = &tasks[first];
     bail!(
         "{} of {} problems were asked otherwise than in {suite} (run_idx {}{more}); there, task {first} is {prompt:?}: \
-         --suite names the suite whose prompts were given, and --any-prompt goes by number alone",
+         --suite names the suite whose prompts were given, --any-prompt goes by number alone, and {NUMBERED_ANEW}",
         others.len(),
         problems.len(),
         named.join(", ")
