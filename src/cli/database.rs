@@ -10,7 +10,7 @@ use clap::builder::BoolishValueParser;
 
 use super::process::block_on;
 use crate::app::signing::refuse_to_begin_anew;
-use crate::store::blobs::BlobPlace;
+use crate::store::blobs::{BlobPlace, place_of};
 use crate::store::location::Location;
 use crate::store::moving::{Moved, Purpose, move_to};
 use crate::store::secrets::Secrets;
@@ -158,8 +158,15 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
     let Some(server) = to.server() else { bail!("--to: expected the URL of a PostgreSQL database, found {to}") };
     let purpose = if is_dry_run { Purpose::Rehearse } else { Purpose::Move };
     let begun = Instant::now();
+    let file = Location::File(from.to_owned());
     for Moved { table, rows, sha256 } in move_to(from, server, purpose).await? {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
+    }
+    if let Some((place, unreached)) = place_of(&file).await? {
+        println!("large logs and reports stay in {place}, which all nodes must reach");
+        if let Some(error) = unreached {
+            eprintln!("warning: {error}; what is there cannot be graded or shown until it is back");
+        }
     }
     if is_dry_run {
         println!(
@@ -169,7 +176,7 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
         println!("nothing was moved; {to} has the tables, and no rows");
         return Ok(ExitCode::SUCCESS);
     }
-    let secrets = Location::File(from.to_owned()).default_secrets();
+    let secrets = file.default_secrets();
     println!("done: every row is in {to}, and the receipts verify: none is missing, none was changed");
     if secrets.is_dir() {
         println!("give all nodes the folder of secrets, {}, with --secrets", secrets.display());

@@ -168,7 +168,12 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
         command.args(["serve", "--open", "--database", database, "--secrets"]).arg(folder.path().join("p.db.secrets"));
         Service::launch(command)
     };
-    let before = serve(&file);
+    // A file notes the place of its large logs, and so does the database then.
+    let blobs = folder.path().join("blobs");
+    let place = format!("file://{}", blobs.display());
+    let mut command = Command::new(PROGRAM);
+    command.args(["serve", "--open", "--database", &file, "--blobs", &place]);
+    let before = Service::launch(command);
     let busy = refused(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(busy.contains("stop it first"), "{busy}");
     assert_eq!(before.get("/v1/runs/a%00b").await.faults(400), [""; 0]);
@@ -196,6 +201,12 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
     let rehearsed = succeeded(&plumbline(&["migrate", "--from", &file, "--to", &url, "--dry-run"]));
     assert!(rehearsed.contains("submissions: 26 rows") && rehearsed.contains("nothing was moved"), "{rehearsed}");
     assert!(before.terminate());
+    let away = folder.path().join("away");
+    std::fs::rename(&blobs, &away).unwrap();
+    let told = plumbline(&["migrate", "--from", &file, "--to", &url, "--dry-run"]);
+    let (warned, told) = (String::from_utf8_lossy(&told.stderr).into_owned(), succeeded(&told));
+    assert!(told.contains(&format!("stay in {place}")) && warned.contains("is it mounted?"), "{told}\n{warned}");
+    std::fs::rename(&away, &blobs).unwrap();
     let moved = succeeded(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(moved.contains("submissions: 26 rows, the same in both"), "{moved}");
     let after = serve(&url);

@@ -18,8 +18,10 @@ use tokio::sync::Mutex;
 
 use super::compression::decompress;
 use super::db::{Pool, query, query_as, query_scalar};
+use super::location::Location;
 use super::locks::Lock;
 use super::reports::PackedReport;
+use super::snapshot::open_reading;
 use super::submissions::NewSubmission;
 use super::{Store, StoreError, StoreResult, commit};
 use crate::clock::now_ms;
@@ -190,6 +192,20 @@ impl Blobs {
     pub async fn unpack(&self, readers: &Pool, table: &'static str, column: Vec<u8>) -> StoreResult<Vec<u8>> {
         decompress(table, &self.fetch(readers, column).await?)
     }
+}
+
+/// Returns where a database keeps its large logs and reports, if not in itself, and why the place cannot be reached now, if
+/// that is so. A bucket is not asked.
+///
+/// # Errors
+/// Returns an error if the database fails, or notes a place that is none.
+pub async fn place_of(database: &Location) -> StoreResult<Option<(BlobPlace, Option<StoreError>)>> {
+    let pool = open_reading(database).await?;
+    let opened = Blobs::open(&pool).await?.opened();
+    pool.close().await;
+    let Some(opened) = opened else { return Ok(None) };
+    let unreached = opened.is_agreed().await.err();
+    Ok(Some((BlobPlace::clone(&opened.place), unreached)))
 }
 
 impl Store {
