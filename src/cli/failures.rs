@@ -31,8 +31,7 @@ enum FailuresCommand {
     /// Queue submissions again once the cause is mended. Each becomes a new submission with the same log, which
     /// supersedes the failed one; the service that runs on the database grades it.
     Retry {
-        /// Identifiers of submissions, as shown by `list`.
-        #[arg(required_unless_present = "all")]
+        /// Identifiers of submissions, as shown by `list`; `--all` takes those of the whole list.
         ids: Vec<String>,
         /// All that `list` shows.
         #[arg(long, conflicts_with = "ids")]
@@ -45,6 +44,9 @@ enum FailuresCommand {
 /// # Errors
 /// Returns an error if the database cannot be opened or fails.
 pub fn run(args: &FailuresArgs) -> anyhow::Result<ExitCode> {
+    if matches!(&args.command, FailuresCommand::Retry { ids, all: false } if ids.is_empty()) {
+        bail!("name the submissions to queue again, or give --all; plumbline failures list shows them");
+    }
     block_on(async {
         let store = args.database.open().await?;
         let done = match &args.command {

@@ -185,12 +185,10 @@ pub(super) async fn store_all(tx: &mut Tx, all: &[ToStore<'_>], now_ms: i64) -> 
     if all.is_empty() {
         return Ok(());
     }
-    let superseded: Vec<&str> =
-        all.iter().filter_map(|one| one.supersedes.as_ref()).map(|answer| answer.id.as_str()).collect();
-    if !superseded.is_empty() {
-        let mut update = Builder::new("UPDATE submissions SET superseded = TRUE WHERE id IN ");
-        update.push_list(superseded);
-        update.build().execute(&mut *tx).await?;
+    for one in all {
+        if let Some(earlier) = &one.supersedes {
+            supersede(tx, &earlier.id, &one.new.id).await?;
+        }
     }
     let mut runs: BTreeMap<&str, (i64, i64)> = BTreeMap::new();
     for one in all {
@@ -231,6 +229,16 @@ pub(super) async fn store_all(tx: &mut Tx, all: &[ToStore<'_>], now_ms: i64) -> 
             quota::hand_over(tx, earlier, &one.new.id).await?;
         }
     }
+    Ok(())
+}
+
+/// Notes that a submission takes the place of an earlier one, which counts no more.
+pub(super) async fn supersede(tx: &mut Tx, earlier: &str, successor: &str) -> StoreResult<()> {
+    query("UPDATE submissions SET superseded = TRUE, superseded_by = $2 WHERE id = $1")
+        .bind(earlier)
+        .bind(successor)
+        .execute(tx)
+        .await?;
     Ok(())
 }
 

@@ -4,6 +4,7 @@
 //! and, if it answers a hidden instance, is witnessed. A worker that still holds an attempt of the first cannot record
 //! anything on the copy.
 
+use super::acceptance::supersede;
 use super::db::{Tx, query, query_as};
 use super::jobs::locks_of;
 use super::postgres::notices::Notice;
@@ -98,7 +99,7 @@ impl Failed {
     /// Stores a copy with this identifier in the place of the submission, with its job and its reservation. A clock that is
     /// behind dates it no earlier than the submission.
     async fn replace(&self, tx: &mut Tx, copy: &str, now_ms: i64) -> StoreResult<()> {
-        query("UPDATE submissions SET superseded = TRUE WHERE id = $1").bind(&self.id).execute(&mut *tx).await?;
+        supersede(tx, &self.id, copy).await?;
         query(
             "INSERT INTO submissions (id, run_id, suite_id, task_hash, task_number, log_hash, log, log_bytes, turns, events,
                                       state, created_at_ms, owner, replays, profile, instance_id)

@@ -1,6 +1,6 @@
 //! Answers to hidden instances: one log each, accepted once, with the facts that decide on it.
 
-use super::acceptance::{Accepted, Decide, Decision, Facts, ToStore, store_all};
+use super::acceptance::{Accepted, Decide, Decision, Facts, ToStore, store_all, supersede};
 use super::db::{Tx, query, query_as};
 use super::entries::{EntryRow, entry_in};
 use super::epochs::{EpochRow, epoch_in};
@@ -123,7 +123,7 @@ impl Store {
         };
         let earlier = before.as_ref().map(|before| before.submission_id.as_str());
         if let Some(id) = earlier {
-            query("UPDATE submissions SET superseded = TRUE WHERE id = $1").bind(id).execute(&mut tx).await?;
+            supersede(&mut tx, id, &submission.id).await?;
         }
         // An answer that is graded again is charged already; charging it no further does not reveal that grading
         // failed.

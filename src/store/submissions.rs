@@ -124,6 +124,8 @@ pub struct SubmissionRow {
     pub replays: Option<String>,
     /// Rules under which its actions become a build.
     pub profile: Profile,
+    /// Identifier of the submission that took its place.
+    pub superseded_by: Option<String>,
     /// Whether its run is under embargo, so that its owner is not shown.
     pub is_anonymous: bool,
 }
@@ -133,7 +135,7 @@ macro_rules! select_submission {
         concat!(
             "SELECT s.id, s.run_id, s.suite_id, s.task_hash, s.task_number, s.log_hash, s.log_bytes, s.turns, s.events,
                     s.state, s.error, s.created_at_ms, s.ended_at_ms, r.overall, r.accuracy, s.owner, s.replays,
-                    s.profile, EXISTS (SELECT 1 FROM embargoes e WHERE e.run_id = s.run_id AND e.lifted_at_ms IS NULL) AS is_anonymous
+                    s.profile, s.superseded_by, EXISTS (SELECT 1 FROM embargoes e WHERE e.run_id = s.run_id AND e.lifted_at_ms IS NULL) AS is_anonymous
              FROM public_submissions s LEFT JOIN latest_reports r ON r.submission_id = s.id ",
             $rest
         )
@@ -160,6 +162,7 @@ fn read_submission(row: &Row) -> StoreResult<SubmissionRow> {
         owner: row.get("owner")?,
         replays: row.get("replays")?,
         profile: row.get::<Option<Profile>>("profile")?.unwrap_or_default(),
+        superseded_by: row.get("superseded_by")?,
         is_anonymous: row.get("is_anonymous")?,
     })
 }

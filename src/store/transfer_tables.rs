@@ -148,6 +148,7 @@ pub const KINDS: &[Kind] = &[
             ("state", "state", Form::Text),
             ("error", "error", Form::Text),
             ("superseded", "superseded", Form::Flag),
+            ("superseded_by", "superseded_by", Form::Text),
             ("created_at_ms", "created_at_ms", Form::Number),
             ("ended_at_ms", "ended_at_ms", Form::Number),
             ("replays", "action_code", Form::Json),

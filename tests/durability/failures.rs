@@ -59,8 +59,13 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     assert!(told.contains("its run is deleted"), "{told}");
     query(delete).bind(None::<i64>).execute(&rows).await.unwrap();
 
+    let told = refused(&plumbline(&["failures", "retry"], &database));
+    assert!(told.contains("--all"), "{told}");
     // While the cause lasts, what is retried fails again, and is listed again.
-    succeeded(&plumbline(&["failures", "retry", &large], &database));
+    let told = succeeded(&plumbline(&["failures", "retry", &large], &database));
+    let failed = service.get(&path).await.json();
+    let successor = failed["superseded_by"].as_str().unwrap();
+    assert!(failed["state"] == "grader_error" && told.contains(&format!("{large}: queued again as {successor}")));
     let has_failed = |run: &Value| run["grader_errors"] == 1 && run["pending"] == 0;
     service.wait_for(&format!("/v1/runs/{run}"), has_failed).await;
     std::fs::rename(&found, &object).unwrap();
@@ -72,6 +77,11 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     assert!(told.contains("queued again: 1"), "{told}");
     let finished = service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
     assert_eq!((&finished["graded"], &finished["grader_errors"]), (&json!(2), &json!(0)));
+    // Whoever has the first identifier comes to the one that counts.
+    let second = service.get(&format!("/v1/submissions/{successor}")).await.json();
+    let last = second["superseded_by"].as_str().unwrap();
+    let last = service.get(&format!("/v1/submissions/{last}")).await.json();
+    assert!(last["state"] == "graded" && last.get("superseded_by").is_none(), "{last}");
     assert_eq!(succeeded(&plumbline(&["failures", "list"], &database)), NONE);
     service.kill();
     audit(&database, &[large, quick], "after the retries").await;

@@ -27,7 +27,7 @@ pub struct SubmissionBody {
     pub task: String,
     /// Number of the task in the suite.
     pub number: u32,
-    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (service failure; post it again) or `cancelled`.
+    /// `queued`, `grading`, `graded`, `rejected`, `grader_error` (service failure; post it again, or see `superseded_by`) or `cancelled`.
     #[schema(value_type = SubmissionState, example = "graded")]
     pub state: &'static str,
     /// Reason why it ended without a report.
@@ -53,6 +53,10 @@ pub struct SubmissionBody {
     pub ended_at: Option<String>,
     /// Owner of the key that posted it; null if it was posted without a key, or if its run is under embargo.
     pub owner: Option<String>,
+    /// Identifier of the submission that took its place, if the log was posted or queued again after a `grader_error`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(format = Uuid)]
+    pub superseded_by: Option<String>,
     /// Number of submissions ahead of it while it is queued; counted up to 10,000.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
@@ -91,6 +95,7 @@ impl SubmissionBody {
             created_at: rfc3339(row.created_at_ms),
             ended_at: row.ended_at_ms.map(rfc3339),
             owner: row.owner.filter(|_| !row.is_anonymous),
+            superseded_by: row.superseded_by,
             queued_before: None,
             estimated_seconds: None,
             profile: row.profile,

@@ -5046,7 +5046,7 @@ class SubmissionBody(BaseModel):
     """
     state: Literal["queued", "grading", "graded", "rejected", "grader_error", "cancelled"] | str
     """
-    `queued`, `grading`, `graded`, `rejected`, `grader_error` (service failure; post it again) or `cancelled`.
+    `queued`, `grading`, `graded`, `rejected`, `grader_error` (service failure; post it again, or see `superseded_by`) or `cancelled`.
     """
     error: str | None = None
     """
@@ -5083,6 +5083,10 @@ class SubmissionBody(BaseModel):
     owner: str | None = None
     """
     Owner of the key that posted it; null if it was posted without a key, or if its run is under embargo.
+    """
+    superseded_by: UUID | None = None
+    """
+    Identifier of the submission that took its place, if the log was posted or queued again after a `grader_error`.
     """
     queued_before: Annotated[int | None, Field(ge=0)] = None
     """
