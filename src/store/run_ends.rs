@@ -1,13 +1,13 @@
 //! Ends of runs: skipped tasks, summary and result, and the check whether anything is still pending.
 
 use super::StoreResult;
-use super::db::{Tx, query, query_scalar};
+use super::db::{Tx, query, query_as, query_scalar};
 use super::events::{self, NewEvent};
 use super::locks::Lock;
 use super::results::enter_result;
 use super::results::problems_of;
 use super::run_rows::{RunRow, Skip, count, run_in};
-use super::states::RunState;
+use super::states::{RunState, SubmissionState};
 use super::suites::tasks_of;
 use plumbline_engine::grading::fingerprints::Fingerprint;
 use plumbline_engine::grading::outcomes::Outcomes;
@@ -17,25 +17,28 @@ use plumbline_engine::tasks::Task;
 /// Records the tasks that a run skips. Returns the tasks that cannot be skipped because they were answered; if there
 /// are any, nothing is recorded.
 pub(super) async fn skip_tasks(tx: &mut Tx, run: &RunRow, skip: &Skip) -> StoreResult<Vec<u32>> {
-    let answered: Vec<i64> = query_scalar(
-        "SELECT task_number FROM submissions
-         WHERE run_id = $1 AND superseded = FALSE AND state IN ('queued', 'grading', 'graded') ORDER BY task_number",
+    let given: Vec<(i64, SubmissionState)> = query_as(
+        "SELECT task_number, state FROM submissions
+         WHERE run_id = $1 AND superseded = FALSE AND state IN ('queued', 'grading', 'graded', 'grader_error')
+         ORDER BY task_number",
     )
     .bind(&run.id)
     .fetch_all(&mut *tx)
     .await?;
-    let is_answered = |number: &u32| answered.binary_search(&i64::from(*number)).is_ok();
+    let state_of = |number: &u32| given.binary_search_by_key(&i64::from(*number), |(own, _)| *own).map(|i| given[i].1);
+    let is_answered = |number: &u32| state_of(number).is_ok_and(|state| state != SubmissionState::GraderError);
     let numbers = match skip {
         Skip::Tasks(numbers) => numbers.clone(),
         Skip::Unanswered => {
+            // A task whose grading failed was answered: only its owner can say, by naming it, that it is given up.
             let all = tasks_of(tx, &run.suite_id).await?;
-            all.iter().map(|task| task.number).filter(|number| !is_answered(number)).collect()
+            all.iter().map(|task| task.number).filter(|number| state_of(number).is_err()).collect()
         }
     };
     let conflicts: Vec<u32> = numbers.iter().copied().filter(is_answered).collect();
     if conflicts.is_empty() {
         for number in numbers {
-            // A submission that failed because of us no longer keeps the run open.
+            // A submission that failed because of us, and that the owner gives up, no longer keeps the run open.
             let failed = query(
                 "UPDATE submissions SET superseded = TRUE
                  WHERE run_id = $1 AND task_number = $2 AND superseded = FALSE AND state = 'grader_error'",

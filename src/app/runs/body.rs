@@ -107,7 +107,8 @@ request_body! {
     #[schema(example = json!({ "skip": "unanswered" }))]
     pub struct FinishBody: "an object with \"skip\"" {
         /// Tasks that are skipped on purpose. They count as failed, and as covered: a run that covers too little of its
-        /// suite is not compared with others on the board.
+        /// suite is not compared with others on the board. A task whose grading failed (`grader_error`) is not `unanswered`:
+        /// its run stays `finishing` until it is graded, or until its owner skips it by name.
         #[schema(value_type = Option<SkipBody>)]
         skip: SkipRequest = optional(|faults| SkipShape { faults }),
     }
