@@ -114,7 +114,8 @@ fn why_not(refusal: RetryRefusal) -> String {
     match refusal {
         RetryRefusal::Unknown => "there is no such submission; plumbline failures list shows what failed".to_owned(),
         RetryRefusal::NotFailed(state) => format!("it is {}; only a grader_error is retried", state.name()),
-        RetryRefusal::Superseded => "it was posted or queued again already, or its run skips the task".to_owned(),
+        RetryRefusal::Superseded(Some(by)) => format!("it was posted or queued again already, as {by}"),
+        RetryRefusal::Superseded(None) => "it was posted again already, or its run skips the task".to_owned(),
         RetryRefusal::RunOver(state) => format!("its run is {}", state.name()),
         RetryRefusal::EntryComplete => {
             "its entry is complete, and its result may have been revealed; the answer counts as failed".to_owned()

@@ -116,6 +116,7 @@ impl Store {
                 suite_id: row.get("suite_id")?,
                 task_number: row.get("task_number")?,
                 log: row.get("log")?,
+                lost: None,
                 owner: row.get("owner")?,
                 log_hash: row.get("log_hash")?,
                 hidden: match row.get::<Option<String>>("instance_id")? {
@@ -135,7 +136,7 @@ impl Store {
     }
 
     /// Fetches the logs that are objects. If their place cannot be reached, these jobs are given back, and the attempts
-    /// do not count. A log that is lost is left as it is: its job ends when it is read.
+    /// do not count. A log that is lost is noted: its job ends when it is read.
     async fn with_logs(&self, claims: Vec<Claim>) -> StoreResult<Vec<Claim>> {
         let mut ready = Vec::with_capacity(claims.len());
         let mut failure = None;
@@ -150,9 +151,7 @@ impl Store {
             }
             match self.blobs.fetch(&self.readers, claim.log.clone()).await {
                 Ok(log) => claim.log = log,
-                Err(error @ StoreError::BlobLost(_)) => {
-                    tracing::error!(%error, submission = claim.submission_id, "a log cannot be read any more");
-                }
+                Err(StoreError::BlobLost(detail)) => claim.lost = Some(detail),
                 Err(error) => {
                     self.give_back(&claim, false).await?;
                     failure = Some(error);

@@ -39,14 +39,14 @@ pub struct FailureRow {
 from_row!(FailureRow { id, owner, run_id, instance_id, suite_id, task_number, error, ended_at_ms });
 
 /// Reason why a submission is not graded again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RetryRefusal {
     /// There is no such submission.
     Unknown,
     /// The submission is in another state.
     NotFailed(SubmissionState),
-    /// The submission was posted or queued again already, or its run skips the task.
-    Superseded,
+    /// The submission was posted or queued again already, under this identifier if it is known, or its run skips the task.
+    Superseded(Option<String>),
     /// The run is in this state and takes no more grades.
     RunOver(RunState),
     /// The entry of the hidden instance is complete: its result may have been revealed.
@@ -58,6 +58,7 @@ struct Failed {
     id: String,
     state: SubmissionState,
     superseded: bool,
+    superseded_by: Option<String>,
     owner: Option<String>,
     run_id: Option<String>,
     run_state: Option<RunState>,
@@ -66,12 +67,23 @@ struct Failed {
     completed_at_ms: Option<i64>,
 }
 
-from_row!(Failed { id, state, superseded, owner, run_id, run_state, instance_id, epoch_id, completed_at_ms });
+from_row!(Failed {
+    id,
+    state,
+    superseded,
+    superseded_by,
+    owner,
+    run_id,
+    run_state,
+    instance_id,
+    epoch_id,
+    completed_at_ms
+});
 
 impl Failed {
     async fn read(tx: &mut Tx, id: &str) -> StoreResult<Option<Self>> {
         query_as(
-            "SELECT s.id, s.state, s.superseded, s.owner, s.run_id, s.instance_id, i.epoch_id, e.completed_at_ms,
+            "SELECT s.id, s.state, s.superseded, s.superseded_by, s.owner, s.run_id, s.instance_id, i.epoch_id, e.completed_at_ms,
                     CASE WHEN r.deleted_at_ms IS NULL THEN r.state ELSE 'deleted' END AS run_state
              FROM submissions s LEFT JOIN runs r ON r.id = s.run_id
                   LEFT JOIN instances i ON i.id = s.instance_id LEFT JOIN entries e ON e.id = i.entry_id
@@ -88,7 +100,7 @@ impl Failed {
             return Some(RetryRefusal::NotFailed(self.state));
         }
         if self.superseded {
-            return Some(RetryRefusal::Superseded);
+            return Some(RetryRefusal::Superseded(self.superseded_by.clone()));
         }
         if let Some(state @ (RunState::Finished | RunState::Deleted)) = self.run_state {
             return Some(RetryRefusal::RunOver(state));

@@ -35,6 +35,8 @@ pub struct Claim {
     /// Data of the hidden instance, if the submission answers one; it is still secret.
     pub hidden: Option<HiddenJob>,
     pub(super) log: Vec<u8>,
+    /// Why the log is lost, if it was an object that is gone or damaged.
+    pub(super) lost: Option<String>,
 }
 
 /// Data that grading the answer to a hidden instance needs, because no suite has its task.
@@ -69,7 +71,20 @@ impl Claim {
     /// # Errors
     /// Returns an error if the stored bytes cannot be read.
     pub fn read_log(&self) -> StoreResult<BlockLog> {
-        stored_log(&self.log)
+        match &self.lost {
+            Some(detail) => Err(StoreError::BlobLost(detail.clone())),
+            None => stored_log(&self.log),
+        }
+    }
+
+    /// Says why the submission could not be read, for its owner and the operator. What names a place stays in the service's
+    /// log.
+    #[must_use]
+    pub const fn why_unreadable(&self) -> &'static str {
+        match self.lost {
+            Some(_) => "its log, which is kept outside the database, is lost; the service's log names the object",
+            None => "the stored submission could not be read",
+        }
     }
 }
 

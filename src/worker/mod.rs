@@ -256,7 +256,10 @@ impl Worker {
                 }
                 Ending::Unreadable(cause) => {
                     tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
-                    self.fail(claim, "the stored submission could not be read").await?;
+                    if self.is_seen() {
+                        metrics::counter!("plumbline_corrupt_rows_total").increment(1);
+                    }
+                    self.fail(claim, claim.why_unreadable()).await?;
                 }
                 Ending::Panicked if claim.attempt < MAX_ATTEMPTS => {
                     self.record(Outcome::GivenBack(claim, true)).await?;

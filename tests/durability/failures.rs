@@ -43,12 +43,16 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     let service = scene.start("p.db", &[]);
     let path = format!("/v1/submissions/{large}");
     service.wait_for(&path, |submission| submission["state"] == "grader_error").await;
-    service.post_json(&format!("/v1/runs/{run}/finish"), &json!({})).await;
+    // A failure of ours is neither unanswered nor a score: the run waits until it is mended.
+    let finish = service.post_json(&format!("/v1/runs/{run}/finish"), &json!({ "skip": "unanswered" })).await;
+    assert_eq!(finish.json()["skipped"], 721, "{}", finish.text);
     let waiting = service.get(&format!("/v1/runs/{run}")).await.json();
     assert_eq!((&waiting["state"], &waiting["grader_errors"]), (&json!("finishing"), &json!(1)));
     let listed = succeeded(&plumbline(&["failures", "list"], &database));
     assert!(listed.contains(&large) && listed.contains(&format!("run {run}, task 1 of")), "{listed}");
-    assert!(!listed.contains(&quick), "{listed}");
+    assert!(!listed.contains(&quick) && listed.contains("is lost"), "{listed}");
+    let metrics = service.get("/metrics").await.text;
+    assert!(metrics.contains("plumbline_corrupt_rows_total 1\n"), "the damage must be seen");
 
     // Nothing of a deleted run is graded.
     let rows = pool(&database).await;
@@ -70,13 +74,16 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     service.wait_for(&format!("/v1/runs/{run}"), has_failed).await;
     std::fs::rename(&found, &object).unwrap();
     let told = refused(&plumbline(&["failures", "retry", &large, &quick, "nothing"], &database));
-    for reason in ["it was posted or queued again already", "it is graded; only", "there is no such submission"] {
+    let again = format!("it was posted or queued again already, as {successor}");
+    for reason in [&*again, "it is graded; only", "there is no such submission"] {
         assert!(told.contains(reason), "{reason}: {told}");
     }
     let told = succeeded(&plumbline(&["failures", "retry", "--all"], &database));
     assert!(told.contains("queued again: 1"), "{told}");
     let finished = service.wait_for(&format!("/v1/runs/{run}"), |run| run["state"] == "finished").await;
     assert_eq!((&finished["graded"], &finished["grader_errors"]), (&json!(2), &json!(0)));
+    let page = service.get(&format!("/submissions/{large}")).await.text;
+    assert!(page.contains(&format!("<a href=\"/submissions/{successor}\">")), "{page}");
     // Whoever has the first identifier comes to the one that counts.
     let second = service.get(&format!("/v1/submissions/{successor}")).await.json();
     let last = second["superseded_by"].as_str().unwrap();

@@ -124,6 +124,9 @@ impl Shown {
             SubmissionState::Rejected => {
                 "The log cannot be graded, for the reason below. Post a log without that fault."
             }
+            SubmissionState::GraderError if self.row.superseded_by.is_some() => {
+                "The service failed to grade it, which says nothing about the build."
+            }
             SubmissionState::GraderError => {
                 "The service failed to grade it, which says nothing about the build. Post the task again: its run stays open until then."
             }
