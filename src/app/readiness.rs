@@ -132,7 +132,10 @@ impl Readiness {
                 Err("The database could not be written in time: another process may hold its lock.")
             }
         };
-        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some((Instant::now(), new.clone()));
+        let before = self.last.lock().unwrap_or_else(PoisonError::into_inner).replace((Instant::now(), new.clone()));
+        if new.is_ok() && before.is_some_and(|(_, found)| found.is_err()) {
+            tracing::info!("ready again");
+        }
         new
     }
 }

@@ -144,13 +144,15 @@ fn still_signs(others: &str) -> String {
 /// # Errors
 /// Returns an error that says what to do, if there are keys and no database.
 pub fn refuse_to_begin_anew(database: &Location, secrets: Option<&Path>) -> anyhow::Result<()> {
-    let Some(file) = database.file().filter(|file| !file.exists()) else { return Ok(()) };
+    // A file that was cut off has a name and nothing else.
+    let is_none = |file: &&Path| std::fs::metadata(file).map_or(true, |found| found.is_file() && found.len() == 0);
+    let Some(file) = database.file().filter(is_none) else { return Ok(()) };
     let folder = secrets.map_or_else(|| database.default_secrets(), Path::to_owned);
     if !Secrets::in_folder(folder.clone()).holds_keys()? {
         return Ok(());
     }
     bail!(
-        "there is no database {}, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
+        "the database {} is missing or empty, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
          begin a new one, move that folder away first: a new log under the old key would be a second history",
         file.display(),
         folder.display()

@@ -8,6 +8,7 @@ use clap::Args;
 use super::checksums;
 use super::database::DatabaseArgs;
 use super::process::block_on;
+use crate::store::blobs::place_of;
 use crate::store::checking::{Found, FoundKind, check};
 use plumbline_engine::text::counted;
 
@@ -57,6 +58,9 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     };
     let counts =
         block_on(async { Ok(check(&args.database.database, &args.database.kept_secrets(), &mut tell).await?) })?;
+    if let Some((place, Some(error))) = block_on(async { Ok(place_of(&args.database.database).await?) })? {
+        tell(Found { kind: FoundKind::Unreached, place: place.to_string(), detail: error.to_string() });
+    }
     for (name, rows) in counts {
         println!("{name}: {}", counted(rows, "row"));
     }
@@ -70,6 +74,9 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<ExitCode> {
     }
     if damaged > 0 {
         println!("{}: restore the last backup that passes this check", counted(damaged, "fault"));
+        println!(
+            "a blob that is lost comes back alone: copy it from the backup of its folder, or have its log posted again"
+        );
         return Ok(ExitCode::FAILURE);
     }
     if unreached > 0 {

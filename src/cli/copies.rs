@@ -135,8 +135,8 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
         }
         _ if kept.has_signer()? => println!("the keys in {} stay as they are", kept.folder().display()),
         (false, false) => println!(
-            "without keys: no epoch issues or reveals anything, and the service starts only with --new-receipt-key, which its \
-             log of receipts notes"
+            "without keys: no epoch issues or reveals anything, and the service does not start until --secrets names the folder \
+             that has receipts.key. Only if that is lost, start with --new-receipt-key, which the log of receipts notes"
         ),
     }
     if *dry_run {

@@ -80,7 +80,10 @@ impl DatabaseArgs {
     /// # Errors
     /// Returns an error with `instead`, the remedy, if the database is on a server.
     pub fn file(&self, instead: &'static str) -> Result<&Path, StoreError> {
-        self.database.file().ok_or(StoreError::OnlyFiles(instead))
+        match &self.database {
+            Location::Unreadable(why) => Err(StoreError::Unreadable(why.clone())),
+            database => database.file().ok_or(StoreError::OnlyFiles(instead)),
+        }
     }
 }
 
@@ -152,14 +155,18 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
     if from.to_string_lossy().contains("://") {
         bail!("--from: expected a SQLite file, found a URL; rows move from a file to a server");
     }
-    if !from.is_file() {
-        bail!("--from: there is no file {}", from.display());
+    if from.is_dir() {
+        bail!("--from: {} is a folder: name the database file in it", from.display());
+    }
+    let Ok(found) = std::fs::metadata(from) else { bail!("--from: there is no file {}", from.display()) };
+    if found.len() == 0 {
+        bail!("--from: {} is empty: is this the right file?", from.display());
     }
     let Some(server) = to.server() else { bail!("--to: expected the URL of a PostgreSQL database, found {to}") };
     let purpose = if is_dry_run { Purpose::Rehearse } else { Purpose::Move };
     let begun = Instant::now();
     let file = Location::File(from.to_owned());
-    for Moved { table, rows, sha256 } in move_to(from, server, purpose).await? {
+    for Moved { table, rows, sha256 } in Box::pin(move_to(from, server, purpose)).await? {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
     }
     if let Some((place, unreached)) = place_of(&file).await? {
@@ -167,6 +174,9 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
         if let Some(error) = unreached {
             eprintln!("warning: {error}; what is there cannot be graded or shown until it is back");
         }
+        println!(
+            "nobody deletes what no row refers to there until its plumbline.sweep is deleted, once the file is retired"
+        );
     }
     if is_dry_run {
         println!(
@@ -183,5 +193,10 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
     } else {
         println!("give all nodes the folder of secrets of the service with --secrets; it is not {}", secrets.display());
     }
+    println!(
+        "move {} away now, and take it out of every unit and script: a service that starts on it goes on with the same key, \
+         and its log of receipts and that of {to} become two histories",
+        from.display()
+    );
     Ok(ExitCode::SUCCESS)
 }

@@ -10,8 +10,11 @@ use serde_json::json;
 
 use super::process::block_on;
 use super::{files, grade, progress};
+use crate::app::body::agent_name;
 use crate::client::{Answer, Service};
 use plumbline_engine::grading::raw_records::RecordedProblem;
+use plumbline_engine::intake::Faults;
+use plumbline_engine::intake::tolerant::read_document;
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::replay::events_between;
 use plumbline_engine::voxel::{BlockLog, Structure};
@@ -76,6 +79,9 @@ pub fn run(args: &SubmitArgs) -> anyhow::Result<ExitCode> {
             None => (args.suite.clone(), BTreeSet::new()),
             Some(run) => (continues(&service, run, args).await?, service.answered(run).await?),
         };
+        if args.run.is_none() {
+            must_be_name(agent)?;
+        }
         let tasks = service.prompts(&suite).await?;
         let given = answers.len();
         answers.retain(|answer| tasks.contains_key(&answer.number));
@@ -142,6 +148,16 @@ async fn continues(service: &Service, run: &str, args: &SubmitArgs) -> anyhow::R
     Ok(suite.to_owned())
 }
 
+/// Checks the name of an agent as the service does, so that a dry run refuses what it would refuse.
+fn must_be_name(agent: &str) -> anyhow::Result<()> {
+    let mut faults = Faults::new();
+    read_document(&serde_json::to_vec(agent)?, agent_name(&mut faults))?;
+    match faults.into_list().first() {
+        Some(fault) => bail!("--agent: {}", fault.detail),
+        None => Ok(()),
+    }
+}
+
 /// Checks that the first records of problems were made for the prompts of the suite, as far as they give theirs: the
 /// published pipeline numbers the problems of a file anew.
 fn must_ask_the_same(problems: &[RecordedProblem], tasks: &BTreeMap<u32, String>, suite: &str) -> anyhow::Result<()> {
@@ -153,6 +169,11 @@ fn must_ask_the_same(problems: &[RecordedProblem], tasks: &BTreeMap<u32, String>
         let wanted = tasks.get(&problem.task.number);
         asked.zip(wanted).is_some_and(|(asked, wanted)| !is_same(asked, wanted))
     };
+    let has_none = |problem: &&RecordedProblem| problem.task.turns.iter().all(|turn| turn.prompt.trim().is_empty());
+    let without = problems.iter().filter(has_none).count();
+    if without > 0 {
+        eprintln!("{without} of {} problems have no prompt: they go by number alone", problems.len());
+    }
     let others: Vec<u32> = problems.iter().filter(differs).map(|problem| problem.task.number).collect();
     let Some(first) = others.first() else { return Ok(()) };
     let named: Vec<String> = others.iter().take(MAX_NAMED).map(u32::to_string).collect();

@@ -81,6 +81,7 @@ impl FromStr for Location {
                 _ if text.contains("password=") || text.starts_with("postgres:") => {
                     unreadable("expected the path of a file, or a URL: postgres://USER@HOST/NAME")
                 }
+                _ if Path::new(text).is_dir() => Ok(Self::Unreadable(format!("{text} is a folder: name a file in it"))),
                 _ => Ok(Self::File(text.into())),
             };
         };

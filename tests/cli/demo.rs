@@ -60,12 +60,14 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
         (&["--run", id, "--suite", "mineceraft@2", "--only-suite"], "is a run of mineceraft@1"),
         (&["--run", "nosuch"], "--run nosuch"),
         (&[], "--agent"),
+        (&["--agent", "..", "--dry-run"], "--agent: expected a name other than . and .."),
     ] {
         let output = posting(more);
         let told = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success() && told.contains(why), "{more:?}: {told}");
         assert!(told.matches("fault").count() < 3, "{told}");
-    } // Records of other prompts, such as those that a pipeline numbered anew, are no answers to the tasks of the numbers.
+    }
+    // Records of other prompts, such as those that a pipeline numbered anew, are no answers to the tasks of the numbers.
     let mut renumbered: Value = serde_json::from_str(few[3]).unwrap();
     renumbered["prompt"] = json!("Build something else.");
     std::fs::write(&file, [few[0], &renumbered.to_string()].join("\n")).unwrap();
@@ -76,5 +78,13 @@ async fn submit_posts_records_as_a_run_and_goes_on_with_one() {
         "1 of 2 problems were asked otherwise than in mineceraft@1 (run_idx {number}); there, task {number} is"
     );
     assert!(!output.status.success() && told.contains(&why), "{told}");
+    assert!(told.contains("`plumbline-client mindcraft`"), "{told}");
     assert_eq!(submit(&["--agent", "lab", "--any-prompt"])["graded"], 2);
+    // What has no prompt cannot be compared, which is told.
+    // These records were written without prompts.
+    renumbered["prompt"] = Value::Null;
+    std::fs::write(&file, [few[0], &renumbered.to_string()].join("\n")).unwrap();
+    let output = posting(&["--agent", "lab", "--dry-run"]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && told.contains("2 of 2 problems have no prompt"), "{told}");
 }

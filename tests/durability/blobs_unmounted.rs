@@ -2,6 +2,7 @@
 
 use super::blobs::{LARGE, SMALL, Scene, files, graded, post, scattered};
 use crate::support::Service;
+use crate::support::commands::{plumbline, succeeded};
 
 #[tokio::test]
 async fn a_folder_that_is_not_mounted_loses_nothing() {
@@ -59,6 +60,18 @@ async fn a_folder_that_is_not_mounted_loses_nothing() {
     std::fs::rename(scene.path("fresh-away"), scene.path("fresh")).unwrap();
     let large = post(&fresh, &scattered(LARGE, 4)).await;
     graded(&fresh, &large).await;
+
+    // Where the identifier alone is lost, the service and `check` say what it was.
+    fresh.kill();
+    let identifier = scene.path("fresh").join("plumbline.id");
+    let id = std::fs::read_to_string(&identifier).unwrap();
+    std::fs::remove_file(&identifier).unwrap();
+    let checked = plumbline(&["check"], &scene.path("fresh.db"));
+    let told = String::from_utf8_lossy(&checked.stdout);
+    assert!(checked.status.code() == Some(2) && told.contains(&format!("write {id} into it")), "{told}");
+    std::fs::write(&identifier, &id).unwrap();
+    let checked = succeeded(&plumbline(&["check"], &scene.path("fresh.db")));
+    assert!(checked.contains("nothing is damaged"), "{checked}");
 
     // What is gone for good is not said to pass.
     let lost = scene.reference("p.db", &second).await.unwrap();

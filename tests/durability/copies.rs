@@ -210,6 +210,13 @@ async fn keys_are_not_mixed_with_those_of_another_database() {
     let told = serve(&path("p.db"));
     assert!(told.contains("holds the keys of one") && told.contains("plumbline restore"), "{told}");
     assert!(!path("p.db").exists(), "nothing is made");
+    std::fs::write(path("p.db"), "").unwrap();
+    let told = serve(&path("p.db"));
+    assert!(told.contains("is missing or empty") && std::fs::read(path("p.db")).unwrap().is_empty(), "{told}");
+    std::fs::remove_file(path("p.db")).unwrap();
+    let told = Command::new(PROGRAM).args(["check", "--database"]).arg(folder.path()).output().unwrap();
+    let told = String::from_utf8(told.stderr).unwrap();
+    assert!(told.contains("is a folder: name a file in it"), "{told}");
 
     // Keys of another database are not touched, and none is copied to them.
     drop(Service::start(&path("q.db"), &[]));

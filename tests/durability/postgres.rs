@@ -209,6 +209,7 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
     std::fs::rename(&away, &blobs).unwrap();
     let moved = succeeded(&plumbline(&["migrate", "--from", &file, "--to", &url]));
     assert!(moved.contains("submissions: 26 rows, the same in both"), "{moved}");
+    assert!(moved.contains(&format!("move {file} away now")), "{moved}");
     let after = serve(&url);
     assert_eq!(answers(&after).await, expected);
     // New rows come after the moved ones.

@@ -146,13 +146,21 @@ impl Scene {
         let begin = service.http.post(url("/v1/runs")).json(&json!({ "agent": "a", "suite": "mineceraft" }));
         let run = self.send(begin).await?["id"].as_str().unwrap().to_owned();
         self.post(service, slow()).await?;
-        let cancelled =
-            self.post(service, json!({ "run": run, "task": slow()["task"], "turns": slow()["turns"] })).await?;
+        let mut long = slow();
+        let mut cancelled =
+            self.post(service, json!({ "run": run, "task": long["task"], "turns": long["turns"] })).await?;
         for task in 1..3 {
             let log = json!({ "palette": ["stone"], "rows": [[task, 0, 0, 0]] });
             self.post(service, json!({ "run": run, "task": task, "turns": [log] })).await?;
         }
-        self.send(service.http.post(url(&format!("/v1/submissions/{cancelled}/cancel")))).await;
+        // A machine that is fast, or held up its client, has graded it already; then another is cancelled.
+        for x in 1..10 {
+            if self.send(service.http.post(url(&format!("/v1/submissions/{cancelled}/cancel")))).await.is_some() {
+                break;
+            }
+            long["turns"][0]["rows"][0] = json!([-x, 0, 0, 0]);
+            cancelled = self.post(service, long.clone()).await?;
+        }
         self.send(service.http.post(url(&format!("/v1/runs/{run}/finish")))).await?;
         Some(())
     }

@@ -90,6 +90,16 @@ pub struct RecordedProblem {
 pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
     let mut faults = Faults::new();
     let mut records = Vec::new();
+    // A document that is set out over several lines would be a fault of each.
+    let first = text.lines().enumerate().find(|(_, line)| !line.trim().is_empty());
+    if let Some((i, "{" | "[")) = first.map(|(i, line)| (i, line.trim())) {
+        faults.enter_line(i as u64 + 1);
+        let remedy = "`jq -c .` writes each on one line, and `jq -c '.[]'` those of an array";
+        faults.add(format!(
+            "expected an object on a line of its own for each turn, found one over several lines: {remedy}"
+        ));
+        return Err(faults.into_list());
+    }
     for (number, line) in (1u64..).zip(text.lines()) {
         if line.trim().is_empty() {
             continue;
@@ -97,7 +107,7 @@ pub fn read_records(text: &str) -> Result<Vec<RawRecord>, Vec<Fault>> {
         faults.enter_line(number);
         // serde takes a list for the members of a record, in their order.
         if line.trim_start().starts_with('[') {
-            faults.add("expected an object on a line of its own for each turn, found an array");
+            faults.add("expected an object on a line of its own for each turn, found an array: `jq -c '.[]'` makes lines of it");
             continue;
         }
         let mut json = serde_json::Deserializer::from_str(line);
@@ -203,6 +213,15 @@ mod tests {
         let lines: Vec<_> = faults.iter().map(|fault| fault.line).collect();
         assert_eq!(lines, [Some(1), Some(3)]);
         assert!(faults[0].detail.contains("coords[0].x"), "{}", faults[0].detail);
+    }
+
+    #[test]
+    fn a_document_over_several_lines_is_one_fault() {
+        for text in ["\n{\n  \"run_idx\": 1\n}\n", "[\n  {\"run_idx\": 1}\n]"] {
+            let [fault] = read_records(text).unwrap_err().try_into().unwrap();
+            let Fault { line, detail, .. } = fault;
+            assert!(line == Some(1 + u64::from(text.starts_with('\n'))) && detail.contains("jq -c"), "{detail}");
+        }
     }
 
     #[test]

@@ -102,9 +102,7 @@ impl Opened {
         match read().await {
             Ok(found) if String::from_utf8_lossy(&found).trim() == &**id => Ok(()),
             Ok(_) => Err(self.unreached(&format!("{IDENTIFIER} there is of another place"))),
-            Err(object_store::Error::NotFound { .. }) => {
-                Err(self.unreached(&format!("{IDENTIFIER} is not there: is the folder mounted?")))
-            }
+            Err(object_store::Error::NotFound { .. }) => Err(self.unreached(&is_not_there(id))),
             Err(error) => Err(self.unreached(&error)),
         }
     }
@@ -194,6 +192,11 @@ impl Blobs {
     }
 }
 
+/// Says that a place lacks this identifier.
+fn is_not_there(id: &str) -> String {
+    format!("{IDENTIFIER} is not there: is the folder mounted? If that file alone is lost, write {id} into it")
+}
+
 /// Returns where a database keeps its large logs and reports, if not in itself, and why the place cannot be reached now, if
 /// that is so. A bucket is not asked.
 ///
@@ -249,7 +252,7 @@ impl Store {
                 );
                 return Err(StoreError::BlobPlace(why));
             }
-            let error = opened.unreached(&format!("{IDENTIFIER} is not there: is the folder mounted?"));
+            let error = opened.unreached(&is_not_there(id));
             return later(opened, &error, id);
         }
         let id = self.agree_on_place(&opened.place, noted, found.as_deref()).await?;
