@@ -274,7 +274,7 @@ static BOTH: OnceCell<(Observed, Observed)> = OnceCell::const_new();
 
 /// Observes both epochs once, and compares what one row of the table is about.
 async fn compare(row: &str) {
-    let (all, none) = BOTH.get_or_init(async || (observe(true).await, observe(false).await)).await;
+    let (all, none) = BOTH.get_or_init(async || (Box::pin(observe(true)).await, Box::pin(observe(false)).await)).await;
     let of_row = |seen: &'static Observed| seen.0.iter().filter(|(own, ..)| *own == row).collect::<Vec<_>>();
     let (all, none) = (of_row(all), of_row(none));
     assert!(!all.is_empty(), "nothing was observed");

@@ -201,7 +201,7 @@ impl Service {
         // The service notices after a minute that a connection is dead; until then, all of them may be in use.
         while self.not_ended().await != Some(0) || self.get("/readyz").await.status != StatusCode::OK {
             assert!(begun.elapsed() < Duration::from_mins(10), "{when}: submissions are stuck");
-            tokio::time::sleep(Duration::from_millis(50)).await;
+            tokio::time::sleep(Duration::from_millis(200)).await;
         }
     }
 
