@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -327,3 +329,27 @@ def test_the_answer_of_a_newer_service_is_read(flaky: Any) -> None:
     assert isinstance(Client(flaky().url).runs.get("x"), models.RunBody)
     with pytest.raises(errors.UnreadableAnswer):
         Client(flaky(body=b"<html>a captive portal</html>").url).runs.get("x")
+
+
+def test_a_run_whose_grading_failed_is_told_and_not_waited_for(tmp_path: Path, wall: dict[str, Any]) -> None:
+    idle = Running(tmp_path, "--open", "--workers", "0")
+    with Client(idle.url) as client:
+        run = client.runs.create(agent="unlucky", suite="mineceraft")
+        client.submissions.create(run=run.id, task=WALL, turns=wall["turns"])
+        client.runs.finish(run.id, skip="unanswered")
+    idle.stop()
+    with contextlib.closing(sqlite3.connect(idle.database)) as rows, rows:
+        rows.execute("UPDATE submissions SET log = x'00'")
+    again = Running(tmp_path, "--open")
+
+    async def waits() -> None:
+        async with AsyncClient(again.url) as client:
+            await client.runs.wait(run.id)
+
+    try:
+        with Client(again.url) as client, pytest.raises(errors.GradingFailed, match=r"failed to grade 1 submission of"):
+            client.runs.wait(run.id)
+        with pytest.raises(errors.GradingFailed):
+            asyncio.run(waits())
+    finally:
+        again.stop()

@@ -14,7 +14,7 @@ import httpx
 from . import async_resources, calls, errors, models
 from .batches import Batch, Request, item
 from .calls import Attempts, Profile, Retries, Track
-from .client import ENDED, LIMITS, SETTLED, address, own_headers
+from .client import ENDED, LIMITS, SETTLED, address, has_run_ended, own_headers
 from .events import EventReader, Lines, Reopening
 
 T = TypeVar("T")
@@ -81,8 +81,11 @@ class AsyncRuns(async_resources.AsyncRuns):
     """`client.runs`."""
 
     async def wait(self, id: str | UUID, timeout_s: float = 3600.0) -> models.RunBody:
-        """Waits until a run has ended, and returns it. Raises `TimedOut` if it takes longer."""
-        return await waited(lambda: self.get(id), lambda found: found.state in ENDED, timeout_s, f"run {id}")
+        """Waits until a run has ended, and returns it.
+
+        Raises `TimedOut` if it takes longer, and `GradingFailed` if it waits for grades that the service failed to make.
+        """
+        return await waited(lambda: self.get(id), has_run_ended, timeout_s, f"run {id}")
 
 
 class AsyncTasks(async_resources.AsyncTasks):

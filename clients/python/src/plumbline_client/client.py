@@ -82,8 +82,11 @@ class Runs(resources.Runs):
     """`client.runs`."""
 
     def wait(self, id: str | UUID, timeout_s: float = 3600.0) -> models.RunBody:
-        """Waits until a run has ended, and returns it. Raises `TimedOut` if it takes longer."""
-        return waited(lambda: self.get(id), lambda found: found.state in ENDED, timeout_s, f"run {id}")
+        """Waits until a run has ended, and returns it.
+
+        Raises `TimedOut` if it takes longer, and `GradingFailed` if it waits for grades that the service failed to make.
+        """
+        return waited(lambda: self.get(id), has_run_ended, timeout_s, f"run {id}")
 
 
 class Tasks(resources.Tasks):
@@ -285,6 +288,17 @@ def own_headers(key: str | None) -> dict[str, str]:
         raise errors.PlumblineError("the key has characters that no key has; look at PLUMBLINE_KEY")
     sent = {"user-agent": "plumbline-client/0.1.0 (python)", "accept": "application/json, */*"}
     return {**sent, "authorization": f"Bearer {key}"} if key else sent
+
+
+def has_run_ended(run: models.RunBody) -> bool:
+    """Whether a run has ended. Raises an error if it would never end by itself."""
+    if run.state not in ENDED and run.state != "open" and run.pending == 0 and run.grader_errors > 0:
+        failed = "1 submission" if run.grader_errors == 1 else f"{run.grader_errors} submissions"
+        raise errors.GradingFailed(
+            f"the service failed to grade {failed} of run {run.id}, which says nothing about them: the run waits until its "
+            "operator has them graded (plumbline failures), or the same logs are posted again"
+        )
+    return run.state in ENDED
 
 
 def waited(look: Callable[[], T], is_there: Callable[[T], bool], timeout_s: float, what: str) -> T:

@@ -17,6 +17,10 @@ class TimedOut(PlumblineError):
     """What was waited for did not happen in time."""
 
 
+class GradingFailed(PlumblineError):
+    """A run waits for grades that the service failed to make, and that its operator can have made."""
+
+
 class UnreadableAnswer(PlumblineError):
     """The service answered with something that this version of the client cannot read."""
 

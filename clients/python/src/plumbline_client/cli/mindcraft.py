@@ -15,7 +15,7 @@ from .. import __version__
 from ..client import Client
 from ..errors import Conflict, Faulty
 from ..mindcraft import TaskRecord, UnreadableRecords, read_records
-from ..models import TaskSummary
+from ..models import CodeError, TaskSummary
 from ..refused import without_refused
 
 
@@ -84,11 +84,7 @@ def run(given: argparse.Namespace) -> int:
             except Faulty as refused:
                 turns, reasons = without_refused(turns, refused)
                 accepted = client.submissions.create(run=run.id, task=task.id, profile=given.profile, turns=turns)
-            reasons += [
-                f"the code of turn {replay.turn} {'is not JavaScript' if replay.unreadable else 'failed'}: {replay.error.message}"
-                for replay in accepted.action_code or []
-                if replay.error is not None
-            ]
+            reasons += [why_failed(replay.turn, replay.error) for replay in accepted.action_code or [] if replay.error]
             if reasons:
                 tqdm.write(f"{task.id}: {'; '.join(reasons)}")
         try:
@@ -103,6 +99,13 @@ def run(given: argparse.Namespace) -> int:
         f"run {done.id} is {done.state}: {passed} of {done.tasks} problems pass; {done.skipped} were not in the records"
     )
     return 0
+
+
+def why_failed(turn: int, error: CodeError) -> str:
+    """Says which code of a turn failed, and with which error."""
+    file = "" if error.file is None else f", file {error.file} of its files"
+    line = "" if error.line is None else f", line {error.line}"
+    return f"the code of turn {turn}{file}{line} failed: {error.message}"
 
 
 def pairs(
