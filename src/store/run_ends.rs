@@ -55,6 +55,17 @@ pub(super) async fn skip_tasks(tx: &mut Tx, run: &RunRow, skip: &Skip) -> StoreR
     Ok(conflicts)
 }
 
+/// Returns whether the answer to each of these tasks of a run ended as a failure of ours.
+pub(super) async fn all_have_failed(tx: &mut Tx, run: &str, tasks: &[u32]) -> StoreResult<bool> {
+    let failed: Vec<i64> = query_scalar(
+        "SELECT task_number FROM submissions WHERE run_id = $1 AND superseded = FALSE AND state = 'grader_error'",
+    )
+    .bind(run)
+    .fetch_all(tx)
+    .await?;
+    Ok(tasks.iter().all(|task| failed.contains(&i64::from(*task))))
+}
+
 /// Returns the numbers of the tasks that a run skips.
 async fn skipped_by(tx: &mut Tx, id: &str) -> StoreResult<Vec<u32>> {
     query_scalar("SELECT task_number FROM skipped_tasks WHERE run_id = $1").bind(id).fetch_all(tx).await

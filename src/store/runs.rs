@@ -11,7 +11,7 @@ use super::idempotency::{IdempotencyKey, PriorRequest};
 use super::job_ends::End;
 use super::locks::Lock;
 use super::postgres::notices::Notice;
-use super::run_ends::{end_if_complete, skip_tasks};
+use super::run_ends::{all_have_failed, end_if_complete, skip_tasks};
 use super::run_rows::{RunRow, Skip, read_run, run_in, select_run};
 use super::states::RunState;
 use super::states::SubmissionState;
@@ -205,7 +205,7 @@ impl Store {
     }
 
     /// Finishes a run: accepts no more submissions, records the tasks to skip, and ends the run if nothing is pending.
-    /// A run that is finishing or finished stays as it is, and none of its tasks can be skipped then.
+    /// Of a run that is finishing, only tasks whose grading failed can be skipped; a run that is finished stays as it is.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -213,7 +213,12 @@ impl Store {
         let mut tx = self.begin().await?;
         tx.lock([Lock::Run(id)]).await?;
         let Some(run) = run_in(&mut tx, id).await? else { return Ok(RunChanged::NoSuchRun) };
-        if run.state == RunState::Deleted || (run.state != RunState::Open && skip.is_some()) {
+        let may_skip = match (run.state, skip) {
+            (RunState::Open, _) | (_, None) => true,
+            (RunState::Finishing, Some(Skip::Tasks(tasks))) => all_have_failed(&mut tx, id, tasks).await?,
+            _ => false,
+        };
+        if run.state == RunState::Deleted || !may_skip {
             return Ok(RunChanged::NotOpen(run.state));
         }
         if let Some(skip) = skip {
@@ -226,7 +231,7 @@ impl Store {
             .bind(id)
             .execute(&mut tx)
             .await?;
-        let has_ended = found > 0 && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
+        let has_ended = (found > 0 || skip.is_some()) && end_if_complete(&mut tx, id, &run.suite_id, now_ms).await?;
         if has_ended {
             tx.notify(Notice::Ended { changes_board: true }).await?;
         }

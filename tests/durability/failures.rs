@@ -46,6 +46,8 @@ async fn a_log_that_was_lost_and_found_is_graded_and_its_run_ends() {
     // A failure of ours is neither unanswered nor a score: the run waits until it is mended.
     let finish = service.post_json(&format!("/v1/runs/{run}/finish"), &json!({ "skip": "unanswered" })).await;
     assert_eq!(finish.json()["skipped"], 721, "{}", finish.text);
+    let skip = json!({ "skip": [2] });
+    service.post_json(&format!("/v1/runs/{run}/finish"), &skip).await.faults(409);
     let waiting = service.get(&format!("/v1/runs/{run}")).await.json();
     assert_eq!((&waiting["state"], &waiting["grader_errors"]), (&json!("finishing"), &json!(1)));
     let listed = succeeded(&plumbline(&["failures", "list"], &database));

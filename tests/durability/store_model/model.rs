@@ -281,17 +281,23 @@ impl Model {
     pub fn finish(&mut self, id: &str, skip: Option<&Skip>) -> RunChanged {
         use SubmissionState::{Graded, Grading, Queued};
         let state = self.runs[id].state;
-        if state == RunState::Deleted || (state != RunState::Open && skip.is_some()) {
+        let state_of = |model: &Self, task: u32| model.answer(id, task).map(|id| model.submissions[&id].state);
+        let has_failed = |model: &Self, task: u32| state_of(model, task) == Some(SubmissionState::GraderError);
+        let may_skip = match (state, skip) {
+            (RunState::Open, _) | (_, None) => true,
+            (RunState::Finishing, Some(Skip::Tasks(tasks))) => tasks.iter().all(|task| has_failed(self, *task)),
+            _ => false,
+        };
+        if state == RunState::Deleted || !may_skip {
             return RunChanged::NotOpen(state);
         }
-        let is_answered = |model: &Self, task: u32| {
-            let answer = model.answer(id, task);
-            answer.is_some_and(|id| matches!(model.submissions[&id].state, Queued | Grading | Graded))
-        };
+        let is_answered = |model: &Self, task: u32| matches!(state_of(model, task), Some(Queued | Grading | Graded));
         let skipped: Vec<u32> = match skip {
             None => Vec::new(),
             Some(Skip::Tasks(tasks)) => tasks.clone(),
-            Some(Skip::Unanswered) => (1..=self.tasks as u32).filter(|task| !is_answered(self, *task)).collect(),
+            Some(Skip::Unanswered) => {
+                (1..=self.tasks as u32).filter(|task| !is_answered(self, *task) && !has_failed(self, *task)).collect()
+            }
         };
         let answered: Vec<u32> = skipped.iter().copied().filter(|task| is_answered(self, *task)).collect();
         if !answered.is_empty() {
@@ -305,6 +311,8 @@ impl Model {
         }
         if state == RunState::Open {
             self.runs.get_mut(id).expect("the run is known").state = RunState::Finishing;
+        }
+        if state == RunState::Open || skip.is_some() {
             self.end_if_complete(id);
         }
         RunChanged::Done
