@@ -1,3 +1,6 @@
+-- Readers lock the view first, and then its table: in another order, both would wait for each other.
+LOCK TABLE public_submissions IN ACCESS EXCLUSIVE MODE;
+
 -- Submission that took the place of this one. NULL where none did, where its run skips the task, and where a version before this
 -- one stored the successor.
 ALTER TABLE submissions ADD COLUMN superseded_by TEXT COLLATE "C";

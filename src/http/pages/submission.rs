@@ -130,6 +130,7 @@ impl Shown {
             SubmissionState::GraderError => {
                 "The service failed to grade it, which says nothing about the build. Post the task again: its run stays open until then."
             }
+            SubmissionState::Cancelled if self.row.superseded_by.is_some() => "It was cancelled before it was graded.",
             SubmissionState::Cancelled => {
                 "It was cancelled before it was graded. The task may be posted again while its run is open."
             }

@@ -53,7 +53,7 @@ pub struct SubmissionBody {
     pub ended_at: Option<String>,
     /// Owner of the key that posted it; null if it was posted without a key, or if its run is under embargo.
     pub owner: Option<String>,
-    /// Identifier of the submission that took its place, if the log was posted or queued again after a `grader_error`.
+    /// Identifier of the submission that took its place, after a `grader_error` or `cancelled`. That may have another log.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(format = Uuid)]
     pub superseded_by: Option<String>,

@@ -5086,7 +5086,7 @@ class SubmissionBody(BaseModel):
     """
     superseded_by: UUID | None = None
     """
-    Identifier of the submission that took its place, if the log was posted or queued again after a `grader_error`.
+    Identifier of the submission that took its place, after a `grader_error` or `cancelled`. That may have another log.
     """
     queued_before: Annotated[int | None, Field(ge=0)] = None
     """
