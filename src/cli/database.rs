@@ -120,9 +120,11 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
         args.database.name();
         let before = schema::state(location).await?;
         before.must_not_be_newer(location)?;
+        if before.found == 0 {
+            refuse_to_begin_anew(location, args.database.secrets.as_deref())?;
+        }
         let is_new = !before.is_there && args.create;
         if is_new && !args.dry_run {
-            refuse_to_begin_anew(location, args.database.secrets.as_deref())?;
             Store::open(location, args.database.secrets.clone()).await?.close().await;
             println!("created with schema {}", before.known);
             return Ok(ExitCode::SUCCESS);
@@ -166,17 +168,15 @@ async fn move_rows(from: &Path, to: &Location, is_dry_run: bool) -> anyhow::Resu
     let purpose = if is_dry_run { Purpose::Rehearse } else { Purpose::Move };
     let begun = Instant::now();
     let file = Location::File(from.to_owned());
+    let blobs = place_of(&file).await?;
     for Moved { table, rows, sha256 } in Box::pin(move_to(from, server, purpose)).await? {
         println!("{table}: {rows} rows, the same in both (SHA-256 {sha256})");
     }
-    if let Some((place, unreached)) = place_of(&file).await? {
+    if let Some((place, unreached)) = blobs {
         println!("large logs and reports stay in {place}, which all nodes must reach");
         if let Some(error) = unreached {
             eprintln!("warning: {error}; what is there cannot be graded or shown until it is back");
         }
-        println!(
-            "nobody deletes what no row refers to there until its plumbline.sweep is deleted, once the file is retired"
-        );
     }
     if is_dry_run {
         println!(

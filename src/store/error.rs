@@ -5,6 +5,9 @@ use std::sync::Arc;
 
 use super::location::Location;
 
+/// Beginning of what is said of an object that is gone or damaged.
+pub const LOST: &str = "a blob is lost";
+
 /// Errors of the store.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -133,7 +136,7 @@ pub enum StoreError {
     #[error("the operating system provides no random bytes: {0}")]
     NoRandom(getrandom::Error),
     /// An object that a row refers to is gone or damaged.
-    #[error("a blob is lost: {0}")]
+    #[error("{LOST}: {0}")]
     BlobLost(String),
     /// The program failed at something that has nothing to do with what is stored.
     #[error("{what}: {detail}")]

@@ -82,7 +82,9 @@ impl Claim {
     #[must_use]
     pub const fn why_unreadable(&self) -> &'static str {
         match self.lost {
-            Some(_) => "its log, which is kept outside the database, is lost; the service's log names the object",
+            Some(_) => {
+                "its block log, which is kept outside the database, is lost; the operator's messages name the object"
+            }
             None => "the stored submission could not be read",
         }
     }

@@ -72,7 +72,7 @@ impl FromStr for Location {
     type Err = Infallible;
 
     /// Reads the name of a database. A name that cannot be read is told when the database is opened, without repeating
-    /// it, because it may hold a password.
+    /// it, because it may hold a password; only the name of a folder is repeated.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         let unreadable = |why: &str| Ok(Self::Unreadable(why.to_owned()));
         let Some((scheme, rest)) = text.split_once("://") else {
@@ -81,8 +81,7 @@ impl FromStr for Location {
                 _ if text.contains("password=") || text.starts_with("postgres:") => {
                     unreadable("expected the path of a file, or a URL: postgres://USER@HOST/NAME")
                 }
-                _ if Path::new(text).is_dir() => Ok(Self::Unreadable(format!("{text} is a folder: name a file in it"))),
-                _ => Ok(Self::File(text.into())),
+                _ => Ok(file_at(text)),
             };
         };
         match scheme.to_ascii_lowercase().as_str() {
@@ -93,10 +92,18 @@ impl FromStr for Location {
                 Ok(options) => Ok(Self::Server(Box::new(Server { options, shown: without_password(rest) }))),
                 Err(_) => unreadable(NOT_A_URL),
             },
-            "sqlite" | "file" => Ok(Self::File(rest.into())),
+            "sqlite" | "file" => Ok(file_at(rest)),
             _ => unreadable("no known database: give the path of a file, or postgres://USER@HOST/NAME"),
         }
     }
+}
+
+/// Returns the location of a file, which is no folder.
+fn file_at(path: &str) -> Location {
+    if Path::new(path).is_dir() {
+        return Location::Unreadable(format!("{path} is a folder: name a file in it"));
+    }
+    Location::File(path.into())
 }
 
 /// What is said of a URL that cannot be read, without its text.

@@ -83,7 +83,7 @@ use blobs::Blobs;
 use claims::Looks;
 use db::{Each, Pool, Tx, query_scalar};
 use epochs::SecretsRead;
-pub use error::{StoreError, StoreResult};
+pub use error::{LOST, StoreError, StoreResult};
 use group_commit::Acceptances;
 use location::Location;
 use opened_file::OpenedFile;

@@ -213,6 +213,9 @@ async fn keys_are_not_mixed_with_those_of_another_database() {
     std::fs::write(path("p.db"), "").unwrap();
     let told = serve(&path("p.db"));
     assert!(told.contains("is missing or empty") && std::fs::read(path("p.db")).unwrap().is_empty(), "{told}");
+    let told = Command::new(PROGRAM).args(["migrate", "--database"]).arg(path("p.db")).output().unwrap();
+    let told = String::from_utf8(told.stderr).unwrap();
+    assert!(told.contains("is missing or empty") && std::fs::read(path("p.db")).unwrap().is_empty(), "{told}");
     std::fs::remove_file(path("p.db")).unwrap();
     let told = Command::new(PROGRAM).args(["check", "--database"]).arg(folder.path()).output().unwrap();
     let told = String::from_utf8(told.stderr).unwrap();

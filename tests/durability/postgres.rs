@@ -7,6 +7,7 @@ use plumbline_engine::tasks::embedded;
 use reqwest::StatusCode;
 use serde_json::json;
 
+use super::blobs::{LARGE, scattered};
 use crate::support::cluster::Cluster;
 use crate::support::commands::{refused, succeeded};
 use crate::support::{PROGRAM, Service};
@@ -178,8 +179,7 @@ async fn a_file_moves_into_an_empty_database_and_answers_as_before() {
     assert!(busy.contains("stop it first"), "{busy}");
     assert_eq!(before.get("/v1/runs/a%00b").await.faults(400), [""; 0]);
     let run = before.finished_run("moves", 3).await;
-    let body = json!({ "task": 1, "turns": [{ "palette": ["stone"], "rows": [[0, 0, 0, 0]] }] });
-    let id = before.post_json("/v1/submissions", &body).await.json()["id"].as_str().unwrap().to_owned();
+    let id = before.post_json("/v1/submissions", &scattered(LARGE, 1)).await.json()["id"].as_str().unwrap().to_owned();
     before.wait_for(&format!("/v1/submissions/{id}"), |one| one["state"] == "graded").await;
     let asked = [
         format!("/v1/runs/{run}"),

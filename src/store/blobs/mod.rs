@@ -194,21 +194,39 @@ impl Blobs {
 
 /// Says that a place lacks this identifier.
 fn is_not_there(id: &str) -> String {
-    format!("{IDENTIFIER} is not there: is the folder mounted? If that file alone is lost, write {id} into it")
+    format!(
+        "{IDENTIFIER} is not there: is the folder mounted? If its objects are there and that file alone is lost, write {id} into it"
+    )
 }
 
 /// Returns where a database keeps its large logs and reports, if not in itself, and why the place cannot be reached now, if
-/// that is so. A bucket is not asked.
+/// that is so and a row refers to an object. A bucket is not asked.
 ///
 /// # Errors
 /// Returns an error if the database fails, or notes a place that is none.
 pub async fn place_of(database: &Location) -> StoreResult<Option<(BlobPlace, Option<StoreError>)>> {
     let pool = open_reading(database).await?;
-    let opened = Blobs::open(&pool).await?.opened();
+    let (opened, has_objects) = (Blobs::open(&pool).await?.opened(), has_objects(&pool).await?);
     pool.close().await;
     let Some(opened) = opened else { return Ok(None) };
-    let unreached = opened.is_agreed().await.err();
+    let unreached = if has_objects { opened.is_agreed().await.err() } else { None };
     Ok(Some((BlobPlace::clone(&opened.place), unreached)))
+}
+
+/// Returns whether a row refers to an object.
+async fn has_objects(pool: &Pool) -> StoreResult<bool> {
+    for (table, column) in reference::COLUMNS {
+        // The index of references has their length as a condition, which a bound value would not meet.
+        let (length, beginning) = (reference::LENGTH, reference::BEGINNING);
+        let exists = format!(
+            "SELECT EXISTS (SELECT 1 FROM {table} WHERE length({column}) = {length} AND substr({column}, 1, {}) = $1)",
+            beginning.len()
+        );
+        if query_scalar(AssertSqlSafe(exists)).bind(beginning.as_bytes()).fetch_one(pool).await? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 impl Store {
@@ -242,7 +260,7 @@ impl Store {
                 None => return Err(StoreError::BlobPlace(error.to_string())),
             },
         };
-        let is_named = self.noted_as(NAMED).await?.is_some() || self.has_objects().await?;
+        let is_named = self.noted_as(NAMED).await?.is_some() || has_objects(&self.readers).await?;
         if let (None, Some((_, id)), true) = (&found, own, is_named) {
             // A bucket is not asked for its identifier at each request, so none is begun without it.
             if let BlobPlace::Bucket { .. } = &*opened.place {
@@ -286,7 +304,7 @@ impl Store {
                 refused(format!("holds blobs of another database; those of this one are in {place_before}"))
             }
             // A place that got no identifier, because the process died, holds nothing yet.
-            None if self.has_objects().await? => refused(format!(
+            None if has_objects(&self.readers).await? => refused(format!(
                 "lacks the blobs of this database, which are in {place_before}: copy all of them first"
             )),
             _ => {
@@ -331,22 +349,6 @@ impl Store {
         });
         let is_there = matches!(tokio::time::timeout(LOOK, look).await, Ok(Ok(true)));
         (!is_there).then_some(place)
-    }
-
-    /// Returns whether a row refers to an object.
-    async fn has_objects(&self) -> StoreResult<bool> {
-        for (table, column) in reference::COLUMNS {
-            // The index of references has their length as a condition, which a bound value would not meet.
-            let (length, beginning) = (reference::LENGTH, reference::BEGINNING);
-            let exists = format!(
-                "SELECT EXISTS (SELECT 1 FROM {table} WHERE length({column}) = {length} AND substr({column}, 1, {}) = $1)",
-                beginning.len()
-            );
-            if query_scalar(AssertSqlSafe(exists)).bind(beginning.as_bytes()).fetch_one(&self.readers).await? {
-                return Ok(true);
-            }
-        }
-        Ok(false)
     }
 
     /// Makes the large logs among submissions objects. Call it before the transaction that stores them.
