@@ -103,7 +103,10 @@ pub fn describe_metrics() {
     );
     describe_counter!("plumbline_connections_refused_total", "Connections closed because their address had too many");
     describe_counter!("plumbline_rate_limited_total", "Requests refused by rate limits, by what was counted");
-    describe_counter!("plumbline_corrupt_rows_total", "Stored rows that could not be read back");
+    describe_counter!(
+        "plumbline_corrupt_rows_total",
+        "Stored rows and objects that could not be read back, but for answers to hidden instances"
+    );
     describe_gauge!("plumbline_database_up", "1 if the database answered when the metrics were asked for, else 0");
     describe_gauge!("plumbline_ready", "1 if the node is ready as /readyz says, else 0, as when nothing can be stored");
     describe_gauge!("plumbline_lacks", "Number of things that a ready node lacks, as /readyz names them");

@@ -252,19 +252,19 @@ impl Worker {
                 }
                 Ending::Stopped => {
                     let limit = self.settings.deadline.as_secs();
-                    self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await?;
+                    _ = self.fail(claim, &format!("grading took longer than the limit of {limit} s")).await?;
                 }
                 Ending::Unreadable(cause) => {
                     tracing::error!(submission = claim.submission_id, cause, "a stored submission cannot be graded");
-                    if self.is_seen() {
+                    let has_ended = self.fail(claim, claim.why_unreadable()).await?;
+                    if has_ended && self.is_seen() {
                         metrics::counter!("plumbline_corrupt_rows_total").increment(1);
                     }
-                    self.fail(claim, claim.why_unreadable()).await?;
                 }
                 Ending::Panicked if claim.attempt < MAX_ATTEMPTS => {
                     self.record(Outcome::GivenBack(claim, true)).await?;
                 }
-                Ending::Panicked => self.fail(claim, "the grader failed on this submission").await?,
+                Ending::Panicked => _ = self.fail(claim, "the grader failed on this submission").await?,
             }
         }
         if !graded.is_empty() {
@@ -277,13 +277,14 @@ impl Worker {
         Ok(())
     }
 
-    async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<()> {
+    async fn fail(&self, claim: &Claim, why: &str) -> StoreResult<bool> {
         // Another attempt may hold the job, and grade it.
-        if self.record(Outcome::Failed(claim, why)).await? > 0 {
+        let has_ended = self.record(Outcome::Failed(claim, why)).await? > 0;
+        if has_ended {
             self.count_error();
             tracing::error!(submission = claim.submission_id, why, "a submission ended as grader_error");
         }
-        Ok(())
+        Ok(has_ended)
     }
 
     /// Grades jobs on a thread that may block, until all are graded or the worker is asked to stop.

@@ -33,6 +33,8 @@ const NOTED_EVERY: i64 = 1_000;
 const AT_ONCE: usize = 64;
 const AT_ONCE_OWNER: usize = 8;
 const AT_ONCE_WEBHOOK: usize = 4;
+/// Time after which a client that could not be made is tried again.
+const CLIENT_AGAIN: Duration = Duration::from_mins(1);
 /// Interval between removals of old deliveries.
 const FORGET_EVERY: Duration = Duration::from_mins(10);
 
@@ -77,7 +79,13 @@ fn client(settings: &WebhookSettings) -> reqwest::Result<Client> {
 
 /// Delivers messages until the service stops. Any number of nodes may do so at the same time.
 pub async fn deliver(app: Arc<App>) {
-    let mut rounds = Rounds { client: None, attempts: JoinSet::new(), underway: BTreeMap::new(), seen: HashMap::new() };
+    let mut rounds = Rounds {
+        client: None,
+        failed: None,
+        attempts: JoinSet::new(),
+        underway: BTreeMap::new(),
+        seen: HashMap::new(),
+    };
     let mut forgotten = tokio::time::Instant::now();
     while !app.stop.is_cancelled() {
         let now = steady_now_ms();
@@ -117,6 +125,8 @@ type Of = (String, String);
 struct Rounds {
     /// Made for the first delivery: many services have no webhooks, and reading the system's certificates takes a while.
     client: Option<Client>,
+    /// When the client could not be made.
+    failed: Option<tokio::time::Instant>,
     attempts: JoinSet<Of>,
     /// Number of attempts of each webhook that are under way.
     underway: BTreeMap<Of, usize>,
@@ -184,10 +194,13 @@ impl Rounds {
 
     /// Returns the client, which is made once it is needed; none if it cannot be made.
     fn client(&mut self, settings: &WebhookSettings) -> Option<Client> {
-        if self.client.is_none() {
+        if self.client.is_none() && self.failed.is_none_or(|at| at.elapsed() >= CLIENT_AGAIN) {
             match client(settings) {
                 Ok(made) => self.client = Some(made),
-                Err(error) => tracing::error!(%error, "webhooks are not delivered: no HTTP client"),
+                Err(error) => {
+                    tracing::error!(%error, "webhooks are not delivered: no HTTP client");
+                    self.failed = Some(tokio::time::Instant::now());
+                }
             }
         }
         self.client.clone()
