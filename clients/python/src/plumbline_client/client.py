@@ -296,7 +296,7 @@ def has_run_ended(run: models.RunBody) -> bool:
         failed = "1 submission" if run.grader_errors == 1 else f"{run.grader_errors} submissions"
         raise errors.GradingFailed(
             f"the service failed to grade {failed} of run {run.id}, which says nothing about them: the run waits until its "
-            "operator has them graded (plumbline failures), or the same logs are posted again"
+            "operator has them graded (plumbline failures), or its tasks are answered again"
         )
     return run.state in ENDED
 

@@ -111,7 +111,7 @@ def text_of(path: Path) -> str:
     """Reads a file of UTF-8."""
     content = path.read_bytes()
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise UnreadableRecords(

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import httpx
 from tqdm import tqdm
 
 from .. import __version__
@@ -51,7 +52,7 @@ def run(given: argparse.Namespace) -> int:
     """Runs the command."""
     records = read_records(given.records, given.files)
     with Client(given.server, given.key) as client:
-        print(f"server {client.url}", file=sys.stderr)
+        print(f"server {httpx.URL(client.url).copy_with(userinfo=b'')}", file=sys.stderr)
         suite = client.suites.get(given.suite).id
         known = list(client.tasks.all(suite, track=given.track))
         paired = pairs(records, known, must_match=not given.any_prompt)

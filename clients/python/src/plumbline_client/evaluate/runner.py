@@ -282,8 +282,9 @@ class Evaluation:
                     if ended.kind != "run-not-open":
                         raise
             await self._client.runs.put_card(run, **self._declared(outcome))
-            if not self._plan.tasks:
-                outcome.finished.append(await self._client.runs.wait(run))
+        # Last, because a run whose grading failed waits for its operator.
+        for run in outcome.runs if not self._plan.tasks else []:
+            outcome.finished.append(await self._client.runs.wait(run))
 
     def _declared(self, outcome: Outcome) -> dict[str, Any]:
         """Returns the card with what the whole evaluation took, shared among its runs."""
