@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import json
 import math
@@ -106,7 +107,9 @@ async def test_trl_gets_none_where_the_service_failed_and_an_error_where_the_dat
     monkeypatch.setenv("PLUMBLINE_DEADLINE_S", " 0.3 ")
 
     def elsewhere() -> list[float | None]:
-        return asyncio.run(trl.plumbline(prompts=["x"] * 2, completions=[good] * 2, task=[WALL] * 2))
+        # Not asyncio.run: where Inspect has run before, it goes on with the loop that the thread had, and its client.
+        with contextlib.closing(asyncio.new_event_loop()) as loop:
+            return loop.run_until_complete(trl.plumbline(prompts=["x"] * 2, completions=[good] * 2, task=[WALL] * 2))
 
     assert await asyncio.to_thread(elsewhere) == [None, None]
     for wrong in ("soon", "-1", "nan"):
