@@ -1,12 +1,13 @@
 //! No room for one write, in turn for each write of a piece of work: whatever commit it belongs to is refused whole or
 //! made good later, and the service goes on.
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::Command;
 
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
+use super::scene::on_threads;
 use crate::support::audit::audit;
 use crate::support::commands::{key, plumbline, succeeded};
 use crate::support::database::is_postgres;
@@ -55,7 +56,7 @@ async fn work(service: &Service, refusals: &mut u32) -> Vec<String> {
 
 /// Does the work once for each write of it from `first` on, in steps of [`SERVICES`]. Returns the number of writes that
 /// had no room and of requests that were refused.
-async fn each_write_from(first: u32, folder: &Path) -> (u32, u32) {
+async fn each_write_from((first, folder): (u32, PathBuf)) -> (u32, u32) {
     let home = folder.join(format!("{first}"));
     let tools = folder.join(format!("{first}-tools"));
     for folder in [&home, &tools] {
@@ -89,13 +90,8 @@ async fn no_room_for_any_one_write() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    // Each on a thread of its own: starting one would hold up the connections of the others until they are closed.
-    let runtime = tokio::runtime::Handle::current();
-    let part = |first| {
-        let (runtime, folder) = (runtime.clone(), folder.path().to_owned());
-        tokio::task::spawn_blocking(move || runtime.block_on(each_write_from(first, &folder)))
-    };
-    let told = futures_util::future::try_join_all((0..SERVICES).map(part)).await.unwrap();
+    let parts = (0..SERVICES).map(|first| (first, folder.path().to_owned()));
+    let told = on_threads(parts, SERVICES as usize, each_write_from).await;
     let (faults, refusals) = told.into_iter().fold((0, 0), |sum, part| (sum.0 + part.0, sum.1 + part.1));
     println!("{faults} writes had no room, {refusals} requests were refused");
     assert!(faults > 50 && refusals > 10, "{faults} writes had no room, {refusals} requests were refused");
