@@ -7,9 +7,9 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 
 use crate::clock::now_ms;
-use crate::store::Store;
 use crate::store::location::Location;
 use crate::store::secrets::Secrets;
+use crate::store::{Store, schema};
 use plumbline_engine::hidden::receipts::Signer;
 use plumbline_engine::text::agreeing;
 
@@ -138,23 +138,39 @@ fn still_signs(others: &str) -> String {
     )
 }
 
-/// Refuses to make a new database file where the keys of one are: its log would have the name and the key of the one
-/// before, and be another history.
+/// Refuses to begin a new database where the keys of one are: its log would have the name and the key of the one before,
+/// and be another history.
 ///
 /// # Errors
 /// Returns an error that says what to do, if there are keys and no database.
-pub fn refuse_to_begin_anew(database: &Location, secrets: Option<&Path>) -> anyhow::Result<()> {
-    // A file that was cut off has a name and nothing else.
-    let is_none = |file: &&Path| std::fs::metadata(file).map_or(true, |found| found.is_file() && found.len() == 0);
-    let Some(file) = database.file().filter(is_none) else { return Ok(()) };
+pub async fn refuse_to_begin_anew(database: &Location, secrets: Option<&Path>) -> anyhow::Result<()> {
+    if matches!(database, Location::Memory | Location::Unreadable(_)) {
+        return Ok(());
+    }
     let folder = secrets.map_or_else(|| database.default_secrets(), Path::to_owned);
+    // A node makes keys once its database has tables, so those of a node that starts at the same time are read before.
     if !Secrets::in_folder(folder.clone()).holds_keys()? {
         return Ok(());
     }
+    let (is_none, remedy) = match database {
+        // A file that was cut off has a name and nothing else.
+        Location::File(file) => (
+            std::fs::metadata(file).map_or(true, |found| found.is_file() && found.len() == 0),
+            "put it back (plumbline restore)",
+        ),
+        // A server that cannot be reached is told when the database is opened.
+        _ => (
+            schema::state(database).await.is_ok_and(|state| state.found == 0),
+            "name the one that they belong to, or restore it from a dump",
+        ),
+    };
+    if !is_none {
+        return Ok(());
+    }
     bail!(
-        "the database {} is missing or empty, but {} holds the keys of one. If it was moved or lost, put it back (plumbline restore). To \
-         begin a new one, move that folder away first: a new log under the old key would be a second history",
-        file.display(),
+        "the database {database} is missing or empty, but {} holds the keys of one. If it was moved or lost, {remedy}. To \
+         begin a new one, move that folder away first (--secrets names another): a new log under the old key would be a \
+         second history",
         folder.display()
     )
 }

@@ -121,7 +121,7 @@ pub fn migrate(args: &MigrateArgs) -> anyhow::Result<ExitCode> {
         let before = schema::state(location).await?;
         before.must_not_be_newer(location)?;
         if before.found == 0 {
-            refuse_to_begin_anew(location, args.database.secrets.as_deref())?;
+            refuse_to_begin_anew(location, args.database.secrets.as_deref()).await?;
         }
         let is_new = !before.is_there && args.create;
         if is_new && !args.dry_run {

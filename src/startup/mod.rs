@@ -289,7 +289,7 @@ async fn open_store(config: &Config) -> anyhow::Result<(Store, Option<String>)> 
     {
         tracing::info!(found, needed = known, "bringing the schema of the database up to date");
     }
-    refuse_to_begin_anew(&config.database, config.secrets.as_deref())?;
+    refuse_to_begin_anew(&config.database, config.secrets.as_deref()).await?;
     let store = Store::open(&config.database, config.secrets.clone())
         .await
         .with_context(|| format!("cannot open the database {}", config.database))?;

@@ -132,9 +132,9 @@ async fn a_disk_that_fails_loses_nothing_that_was_acknowledged() {
 async fn a_line_to_the_server_that_fails_loses_nothing_that_was_acknowledged() {
     let cluster = Cluster::start(&[]);
     let folder = tempfile::tempdir().unwrap();
-    let secrets = folder.path().join("secrets");
     for fault in [Passes::Late, Passes::Nothing, Passes::Cut] {
         let (when, name) = (format!("{fault:?}"), format!("{fault:?}").to_lowercase());
+        let secrets = folder.path().join(&name);
         cluster.create(&name);
         let line = Line::to(cluster.port).await;
         let url = cluster.url(&name);

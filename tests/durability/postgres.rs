@@ -106,6 +106,12 @@ async fn a_node_without_the_secrets_serves_what_needs_none() {
     assert_eq!(lacking.get(key).await.text, whole.get(key).await.text);
     assert_eq!(lacking.get(&format!("{path}/receipt")).await.status, StatusCode::OK);
 
+    // A new database under the key of this one would be a second history.
+    cluster.create("empty");
+    let empty = cluster.url("empty");
+    let told = serve_refused(&empty, folder.path().join("ours").to_str().unwrap());
+    assert!(told.contains("is missing or empty") && told.contains("name the one that they belong to"), "{told}");
+
     // Another key than the others': no node signs with two.
     std::fs::create_dir(folder.path().join("other")).unwrap();
     std::fs::write(folder.path().join("other/receipts.key"), "11".repeat(32)).unwrap();
