@@ -28,8 +28,10 @@ fn main() -> ExitCode {
             eprintln!("plumbline: {message}");
         }
     };
-    for warning in environment::warnings() {
-        tell("WARN", &warning);
+    let misspelt = environment::misspelt();
+    if !misspelt.is_empty() {
+        misspelt.iter().for_each(|error| tell("ERROR", error));
+        return ExitCode::from(environment::USAGE);
     }
     run(cli).unwrap_or_else(|error| {
         tell("ERROR", &told(&error));

@@ -1,5 +1,5 @@
-//! Environment variables. Empty ones count as unset. Those that nothing reads are reported, because a misspelt option
-//! would otherwise be ignored silently.
+//! Environment variables. Empty ones count as unset. Misspelt ones are refused, because a service whose database is named
+//! by a misspelt variable would begin another.
 
 use std::ffi::OsStr;
 
@@ -14,6 +14,11 @@ use plumbline_engine::text::nearest;
 const PREFIX: &str = "PLUMBLINE_";
 /// Greatest number of slips in a misspelt name.
 const SLIPS: usize = 2;
+/// Number of characters of a name for each slip: of a short name, two slips make another.
+const CHARACTERS_PER_SLIP: usize = 4;
+
+/// Exit code for arguments and variables that are wrong.
+pub const USAGE: u8 = 2;
 
 /// Reads the arguments of the program. An empty variable counts as one that is not set, which is what Compose makes of a
 /// variable without a value. Ends the program if an argument is wrong, and says so if it comes from the environment.
@@ -59,13 +64,13 @@ fn variable_of(command: &Command, shown: &str, is_set: &impl Fn(&OsStr) -> bool)
     name.or_else(|| command.get_subcommands().find_map(|command| variable_of(command, shown, is_set)))
 }
 
-/// Returns a warning for each variable whose name is nearly that of an option.
+/// Returns an error for each variable whose name is nearly that of an option.
 #[must_use]
-pub fn warnings() -> Vec<String> {
+pub fn misspelt() -> Vec<String> {
     let mut known = Vec::new();
     add_known(&Cli::command(), &mut known);
     let set = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok());
-    set.filter_map(|name| warning(&name, &known)).collect()
+    set.filter_map(|name| misspelling(&name, &known)).collect()
 }
 
 fn add_known(command: &Command, known: &mut Vec<String>) {
@@ -75,11 +80,13 @@ fn add_known(command: &Command, known: &mut Vec<String>) {
     }
 }
 
-fn warning(name: &str, known: &[String]) -> Option<String> {
+fn misspelling(name: &str, known: &[String]) -> Option<String> {
     let given = name.strip_prefix(PREFIX).filter(|_| !known.iter().any(|own| own == name))?;
     let meant = known.iter().filter_map(|own| own.strip_prefix(PREFIX));
-    let meant = nearest(given, meant, |_| SLIPS)?;
-    Some(format!("{name} is set in the environment, but nothing reads it; did you mean {PREFIX}{meant}?"))
+    let meant = nearest(given, meant, |meant| SLIPS.min(meant.len() / CHARACTERS_PER_SLIP))?;
+    Some(format!(
+        "{name} is set in the environment, but nothing reads it. If {PREFIX}{meant} is meant, correct the name; if not, unset it"
+    ))
 }
 
 #[cfg(test)]
@@ -102,18 +109,23 @@ mod tests {
     }
 
     #[test]
-    fn misspelt_variables_are_told_and_others_left_alone() {
+    fn misspelt_variables_are_refused_and_others_left_alone() {
         let mut known = Vec::new();
         add_known(&Cli::command(), &mut known);
         for name in ["PLUMBLINE_DATABASE", "PLUMBLINE_KEY", "PLUMBLINE_WITNESSES"] {
             assert!(known.iter().any(|own| own == name), "{name}");
-            assert_eq!(warning(name, &known), None);
+            assert_eq!(misspelling(name, &known), None);
         }
-        for (name, meant) in [("PLUMBLINE_DATABSE", "PLUMBLINE_DATABASE?"), ("PLUMBLINE_LISTN", "PLUMBLINE_LISTEN?")] {
-            assert!(warning(name, &known).is_some_and(|told| told.ends_with(meant)), "{name}");
+        for (name, meant) in
+            [("PLUMBLINE_DATABSE", "If PLUMBLINE_DATABASE is"), ("PLUMBLINE_LISTN", "If PLUMBLINE_LISTEN is")]
+        {
+            assert!(misspelling(name, &known).is_some_and(|told| told.contains(meant)), "{name}");
         }
-        for name in ["PLUMBLINE_PROGRAM", "PLUMBLINE_TEST_KILL", "DATABASE", "PLUMBLINE_"] {
-            assert_eq!(warning(name, &known), None, "{name}");
+        let of_kubernetes = ["SERVICE_HOST", "SERVICE_PORT", "PORT", "PORT_80_TCP", "WORK_PORT", "WORK_SERVICE_HOST"];
+        let of_ours = ["PROGRAM", "TEST_KILL", "DEADLINE_S", "FAULTS", ""];
+        for name in of_kubernetes.iter().chain(&of_ours) {
+            assert_eq!(misspelling(&format!("{PREFIX}{name}"), &known), None, "{name}");
         }
+        assert_eq!(misspelling("DATABASE", &known), None);
     }
 }
