@@ -14,6 +14,7 @@ use crate::clock::{now_ms, rfc3339};
 use crate::store::Store;
 use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Role, Scope, parts};
 use crate::store::members::MemberPut;
+use plumbline_engine::text::agreeing;
 
 /// Arguments of `keys`.
 #[derive(Debug, Args)]
@@ -59,10 +60,14 @@ enum KeysCommand {
     },
     /// List keys, without their secrets.
     List,
-    /// Revoke a key; running services reject it within half a second.
+    /// Revoke a key, or all keys of an owner; running services reject them within half a second.
     Revoke {
         /// Public part of the key, as shown by `list`, or the whole key.
-        id: String,
+        #[arg(required_unless_present = "name", conflicts_with = "name")]
+        id: Option<String>,
+        /// Owner all of whose keys are revoked, also those of its members.
+        #[arg(long)]
+        name: Option<String>,
     },
 }
 
@@ -80,7 +85,8 @@ pub fn run(args: &KeysArgs) -> anyhow::Result<ExitCode> {
                 create(&store, name, member, scopes, *expires).await
             }
             KeysCommand::List => list(&store).await,
-            KeysCommand::Revoke { id } => revoke(&store, id).await,
+            KeysCommand::Revoke { id: Some(id), .. } => revoke(&store, id).await,
+            KeysCommand::Revoke { id: None, name } => revoke_all(&store, name.as_deref().unwrap_or_default()).await,
             KeysCommand::Rotate { id, overlap, expires } => rotate(&store, id, *overlap, *expires).await,
         };
         store.close().await;
@@ -221,6 +227,15 @@ async fn revoke(store: &Store, given: &str) -> anyhow::Result<()> {
     let key = live_key(store, given).await?;
     store.revoke_key(&key.id, now_ms()).await?;
     println!("revoked {} of {}", key.id, key.owner);
+    Ok(())
+}
+
+async fn revoke_all(store: &Store, owner: &str) -> anyhow::Result<()> {
+    let revoked = store.revoke_keys_of(owner, now_ms()).await?;
+    if revoked.is_empty() {
+        bail!("{owner:?} has no live key; plumbline keys list shows all keys with their owners");
+    }
+    println!("revoked {} of {owner}: {}", agreeing(revoked.len(), "key", "keys"), revoked.join(", "));
     Ok(())
 }
 

@@ -116,6 +116,17 @@ async fn keys_are_rotated_revoked_whole_and_named_plainly() {
     assert_eq!(post(next).await.status, StatusCode::UNAUTHORIZED);
     let secret = key.rsplit('_').next().unwrap();
     assert!(!refused(&plumbline(&["keys", "revoke", secret], &database)).contains(secret));
+
+    // All keys of an owner and of its members end together.
+    succeeded(&plumbline(&["keys", "create", "--name", "lab", "--member", "ann", "--role", "manager"], &database));
+    let said = succeeded(&plumbline(&["keys", "revoke", "--name", "lab"], &database));
+    assert!(said.starts_with("revoked 3 keys of lab: "), "{said}");
+    let list = succeeded(&plumbline(&["keys", "list"], &database));
+    assert!(list.lines().filter(|line| line.contains("| lab ")).all(|line| line.contains("revoked ")), "{list}");
+    assert!(list.lines().any(|line| line.contains("| third ") && line.contains("live")), "others keep theirs: {list}");
+    assert!(refused(&plumbline(&["keys", "revoke", "--name", "lab"], &database)).contains("has no live key"));
+    let both = plumbline(&["keys", "revoke", endless, "--name", "third"], &database);
+    assert!(refused(&both).contains("cannot be used with"));
 }
 
 #[tokio::test]
