@@ -24,7 +24,7 @@ pub struct WebhooksArgs {
 /// Commands on webhooks.
 #[derive(Debug, Subcommand)]
 enum WebhooksCommand {
-    /// List webhooks, without their secrets.
+    /// List webhooks, without their secrets, with the messages that wait or were given up and the last error.
     List,
     /// Disable a webhook; nothing more is posted to it until its owner enables it.
     Disable {
@@ -56,14 +56,16 @@ pub fn run(args: &WebhooksArgs) -> anyhow::Result<ExitCode> {
 async fn list(store: &Store) -> anyhow::Result<()> {
     let mut table = Table::new();
     table.load_style(presets::ASCII_MARKDOWN);
-    table.set_header(["id", "owner", "url", "events", "created", "pending", "state"]);
+    table.set_header(["id", "owner", "url", "events", "created", "pending", "given up", "last error", "state"]);
     for webhook in store.webhooks().await? {
         let events = if webhook.events.is_empty() { "all".to_owned() } else { webhook.events };
         let pending = store.pending_deliveries(&webhook.id).await?.to_string();
+        let given_up = store.dead_deliveries(&webhook.id).await?.to_string();
+        let error = store.last_delivery_error(&webhook.id).await?.unwrap_or_default();
         let state =
             webhook.disabled_reason.map_or_else(|| "enabled".to_owned(), |reason| format!("disabled: {reason}"));
         let created = rfc3339(webhook.created_at_ms);
-        table.add_row([webhook.id, webhook.owner, webhook.url, events, created, pending, state]);
+        table.add_row([webhook.id, webhook.owner, webhook.url, events, created, pending, given_up, error, state]);
     }
     println!("{table}");
     Ok(())

@@ -100,6 +100,31 @@ macro_rules! select_webhook {
 }
 
 impl Store {
+    /// Returns how many messages of a webhook were given up.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn dead_deliveries(&self, webhook_id: &str) -> StoreResult<i64> {
+        query_scalar("SELECT COUNT(*) FROM deliveries WHERE webhook_id = $1 AND state = 'dead'")
+            .bind(webhook_id)
+            .fetch_one(&self.readers)
+            .await
+    }
+
+    /// Returns the error of the latest message of a webhook that is not delivered and was attempted.
+    ///
+    /// # Errors
+    /// Returns an error if the database fails.
+    pub async fn last_delivery_error(&self, webhook_id: &str) -> StoreResult<Option<String>> {
+        query_scalar(
+            "SELECT last_error FROM deliveries
+             WHERE webhook_id = $1 AND state <> 'delivered' AND last_error IS NOT NULL ORDER BY id DESC LIMIT 1",
+        )
+        .bind(webhook_id)
+        .fetch_optional(&self.readers)
+        .await
+    }
+
     /// Stores a webhook that receives events from now on, unless its owner has `most` already. Returns whether it did.
     ///
     /// # Errors

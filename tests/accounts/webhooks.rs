@@ -156,6 +156,11 @@ async fn a_message_that_nobody_takes_is_kept_as_dead_and_a_crash_loses_none() {
         ask(&service, &ours, Method::GET, &format!("/v1/webhooks/{id}/deliveries?state=delivered"), None).await;
     assert_eq!(delivered.json()["deliveries"], json!([]));
 
+    let listed = succeeded(&plumbline(&["webhooks", "list"], &database));
+    let row = listed.lines().find(|line| line.contains(&id)).unwrap();
+    let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+    assert_eq!(cells[6..=9], ["0", "1", "500 Internal Server Error", "enabled"], "{listed}");
+
     // Messages wait while the service is dead, under the identifiers that they have.
     service.kill();
     let service = start(&database, "1,1,1,1,1,1,1,1,1");
