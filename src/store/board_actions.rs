@@ -49,8 +49,10 @@ pub enum Acted {
     Done,
     /// The row already was in this state.
     Already,
-    /// There is no such finished run.
-    NoSuchRow,
+    /// There is no such run.
+    NoSuchRun,
+    /// The run is not finished, so it has no row.
+    NotFinished,
 }
 
 impl Store {
@@ -62,12 +64,12 @@ impl Store {
         let signer = self.signer()?;
         let mut tx = self.begin().await?;
         tx.lock([Lock::Run(run_id)]).await?;
-        let is_finished: bool = query_scalar("SELECT EXISTS (SELECT 1 FROM runs WHERE id = $1 AND state = 'finished')")
-            .bind(run_id)
-            .fetch_one(&mut tx)
-            .await?;
-        if !is_finished {
-            return Ok(Acted::NoSuchRow);
+        let state: Option<String> =
+            query_scalar("SELECT state FROM runs WHERE id = $1").bind(run_id).fetch_optional(&mut tx).await?;
+        match state.as_deref() {
+            None => return Ok(Acted::NoSuchRun),
+            Some("finished") => {}
+            Some(_) => return Ok(Acted::NotFinished),
         }
         let before: Vec<String> = query_scalar("SELECT action FROM board_actions WHERE run_id = $1 ORDER BY id DESC")
             .bind(run_id)

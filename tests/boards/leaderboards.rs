@@ -145,7 +145,12 @@ async fn what_is_done_to_a_row_is_told_for_ever() {
         assert_eq!(act(&operator, json!({ "action": "hide", "reason": reason })).await.faults(422), ["null /reason"]);
     }
     assert_eq!(act(&operator, hide.clone()).await.status, StatusCode::OK);
-    assert_eq!(act(&operator, hide).await.status, StatusCode::CONFLICT);
+    assert_eq!(act(&operator, hide.clone()).await.status, StatusCode::CONFLICT);
+    // An open run has no row: the remedy is another.
+    let open = service.post_json("/v1/runs", &json!({ "agent": "three", "suite": SUITE })).await.json()["id"].clone();
+    let open = format!("{}/v1/runs/{}/board-actions", service.url, open.as_str().unwrap());
+    let refused = service.send(service.http.post(open).bearer_auth(&operator).json(&hide)).await;
+    assert!(refused.text.contains("run-not-finished") && refused.text.contains("DELETE /v1/runs/"), "{}", refused.text);
     assert_eq!(names(&service.get(&path).await.json()), ["two"]);
     assert_eq!(names(&service.get(&then).await.json()), ["one"], "the past stays");
     let page = async || service.get(&format!("/boards/{SUITE}?as_of={between}")).await.text;

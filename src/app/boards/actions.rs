@@ -53,7 +53,7 @@ pub struct Action {
 /// Hides a finished run from its board, or shows it again. The actor and the reason are public and permanent.
 ///
 /// # Errors
-/// Returns an error if the caller is no operator, if the reason is empty or too long, if there is no such finished run,
+/// Returns an error if the caller is no operator, if the reason is empty or too long, if there is no such run, if it is not finished,
 /// if its row is in this state already, or if the database fails.
 pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, reason: &str) -> AppResult<Action> {
     caller.require(Scope::Admin)?;
@@ -66,7 +66,11 @@ pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, r
             let detail = if is_hide { "the row is already hidden" } else { "the row is not hidden" };
             Err(AppError::conflict("already-so", detail))
         }
-        Acted::NoSuchRow => Err(AppError::not_found(format!("there is no finished run {run:?}"))),
+        Acted::NoSuchRun => Err(AppError::not_found(format!("there is no run {run:?}"))),
+        Acted::NotFinished => {
+            let detail = "the run is not finished, so it has no row; an open run is deleted with DELETE /v1/runs/ID";
+            Err(AppError::conflict("run-not-finished", detail))
+        }
     }
 }
 

@@ -43,7 +43,8 @@ pub async fn withdraw(
     match app.store.act_on_row(id, &action, now_ms()).await? {
         Acted::Done => stored(app, id).await,
         Acted::Already => Err(AppError::conflict("already-so", "the run is already withdrawn")),
-        Acted::NoSuchRow => {
+        Acted::NoSuchRun => Err(AppError::not_found(format!("there is no run {id:?}"))),
+        Acted::NotFinished => {
             let remedy = match run.state {
                 RunState::Open => "delete it instead: DELETE /v1/runs/{id}",
                 RunState::Deleted => "it is on no board",
