@@ -90,7 +90,8 @@ impl Opened {
 
     /// Describes a place that does not answer, or not as it should, which may pass.
     fn unreached(&self, detail: &dyn std::fmt::Display) -> StoreError {
-        StoreError::Blobs { place: self.place.to_string(), detail: detail.to_string() }
+        let detail = format!("{detail}{}", self.place.credentials_hint());
+        StoreError::Blobs { place: self.place.to_string(), detail }
     }
 
     /// Makes sure that the folder is the one that was agreed on. Where a share is not mounted, its empty mount point is

@@ -37,7 +37,28 @@ pub enum BlobPlace {
     },
 }
 
+/// Variables that give the credentials of a bucket, or say where they come from.
+const CREDENTIALS: [&str; 5] = [
+    "AWS_ACCESS_KEY_ID",
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+    "AWS_SKIP_SIGNATURE",
+];
+
 impl BlobPlace {
+    /// Says where credentials were looked for, if none are given: the error of a request then tells of a server that
+    /// nobody named.
+    pub(super) fn credentials_hint(&self) -> &'static str {
+        let is_given = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+        match self {
+            Self::Bucket { .. } if !CREDENTIALS.iter().any(|name| is_given(&name)) => {
+                " (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY are not set, so the machine's own credentials were asked for)"
+            }
+            Self::Folder(_) | Self::Bucket { .. } => "",
+        }
+    }
+
     /// Opens the place. A folder that does not exist is created if `creates` says so; a bucket is not asked yet.
     ///
     /// # Errors
