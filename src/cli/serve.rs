@@ -39,8 +39,8 @@ pub struct ServeArgs {
     notices: NoticeArgs,
     #[command(flatten)]
     blobs: BlobArgs,
-    /// Number of submissions graded at the same time; by default, one per processor. With 0, other nodes grade
-    /// (`plumbline work`).
+    /// Number of submissions graded at the same time; by default, one per processor; at most 1,024. With 0, other nodes
+    /// grade (`plumbline work`).
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(0..=1024))]
     workers: Option<u16>,
     /// Only grade within requests, without a database, also if one is named: for trainers behind a load balancer.
@@ -52,7 +52,7 @@ pub struct ServeArgs {
     /// this database were signed with another, which is lost. The log of receipts notes the change.
     #[arg(long)]
     new_receipt_key: bool,
-    /// Seconds after which a job is taken over from a worker that gives no sign of life.
+    /// Seconds after which a job is taken over from a worker that gives no sign of life, from 1 to 86,400.
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
     /// Interval in seconds at which entries of open epochs are completed and receipts of hidden evaluation are

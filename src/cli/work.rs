@@ -30,10 +30,10 @@ pub struct WorkArgs {
     notices: NoticeArgs,
     #[command(flatten)]
     blobs: BlobArgs,
-    /// Number of submissions graded at the same time; by default, one per processor.
+    /// Number of submissions graded at the same time; by default, one per processor; from 1 to 1,024.
     #[arg(long, env = "PLUMBLINE_WORKERS", value_parser = clap::value_parser!(u16).range(1..=1024))]
     workers: Option<u16>,
-    /// Seconds after which a job is taken over from a worker that gives no sign of life.
+    /// Seconds after which a job is taken over from a worker that gives no sign of life, from 1 to 86,400.
     #[arg(long, env = "PLUMBLINE_LEASE_SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     lease_seconds: u64,
     /// Interval in seconds at which results of hidden evaluation are published; the same on all nodes.
