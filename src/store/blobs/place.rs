@@ -52,7 +52,7 @@ impl BlobPlace {
     pub(super) fn credentials_hint(&self) -> &'static str {
         let is_given = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         match self {
-            Self::Bucket { .. } if !CREDENTIALS.iter().any(|name| is_given(&name)) => {
+            Self::Bucket { .. } if !CREDENTIALS.iter().any(is_given) => {
                 " (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY are not set, so the machine's own credentials were asked for)"
             }
             Self::Folder(_) | Self::Bucket { .. } => "",
