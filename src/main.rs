@@ -30,7 +30,9 @@ fn main() -> ExitCode {
     };
     let misspelt = environment::misspelt();
     if !misspelt.is_empty() {
-        misspelt.iter().for_each(|error| tell("ERROR", error));
+        for error in &misspelt {
+            tell("ERROR", error);
+        }
         return ExitCode::from(environment::USAGE);
     }
     run(cli).unwrap_or_else(|error| {
