@@ -53,8 +53,8 @@ pub struct Action {
 /// Hides a finished run from its board, or shows it again. The actor and the reason are public and permanent.
 ///
 /// # Errors
-/// Returns an error if the caller is no operator, if the reason is empty or too long, if there is no such run, if it is not finished,
-/// if its row is in this state already, or if the database fails.
+/// Returns an error if the caller is no operator, if the reason is empty or too long, if there is no such run, if it is
+/// not finished, if its row is in this state already, or if the database fails.
 pub async fn act(app: &App, caller: &Caller, run: String, kind: HideOrRestore, reason: &str) -> AppResult<Action> {
     caller.require(Scope::Admin)?;
     let (actor, reason) = (caller.owner().unwrap_or("anybody").to_owned(), reason_of(reason)?);
