@@ -104,7 +104,7 @@ impl Store {
         Ok(rows.into_iter().map(row).collect())
     }
 
-    /// Revokes all live keys of an owner and of its members. Returns their public parts, oldest first.
+    /// Revokes all live keys of an owner and of its members. Returns their public parts.
     ///
     /// # Errors
     /// Returns an error if the database fails.
@@ -113,19 +113,13 @@ impl Store {
         // A manager makes keys meanwhile, and none of them may be left.
         tx.lock([Lock::Owner(owner)]).await?;
         let live: Vec<String> = query_scalar(
-            "SELECT id FROM keys
-             WHERE owner = $1 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2)
-             ORDER BY created_at_ms, id",
+            "UPDATE keys SET revoked_at_ms = $2
+             WHERE owner = $1 AND revoked_at_ms IS NULL AND (expires_at_ms IS NULL OR expires_at_ms > $2) RETURNING id",
         )
         .bind(owner)
         .bind(now_ms)
         .fetch_all(&mut tx)
         .await?;
-        query("UPDATE keys SET revoked_at_ms = $2 WHERE owner = $1 AND revoked_at_ms IS NULL")
-            .bind(owner)
-            .bind(now_ms)
-            .execute(&mut tx)
-            .await?;
         commit(tx, "revoke_keys_of").await?;
         Ok(live)
     }
