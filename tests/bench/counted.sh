@@ -2,6 +2,7 @@
 # Counts the instructions of hot paths, and fails if one differs by more than 5 % from the table: tests/bench/counted.sh [--accept].
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-cargo build --locked --bin plumbline --example counted
+# What the tests are built with: `cargo build` has other features of crates, builds everything anew, and counts otherwise.
+cargo test --locked --no-run
 built=${CARGO_TARGET_DIR:-$PWD/target}/debug
 exec "$built/examples/counted" check "$built/plumbline" "$@"
