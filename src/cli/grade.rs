@@ -17,6 +17,10 @@ use plumbline_engine::grading::summary::ProblemRate;
 use plumbline_engine::grading::{ProblemScores, Summary, grade_structures};
 use plumbline_engine::intake::Fault;
 use plumbline_engine::tasks::{embedded, lite};
+use plumbline_engine::text::agreeing;
+
+/// Problems that a warning names.
+const MOST_NAMED: usize = 10;
 
 /// Arguments of `grade`.
 #[derive(Debug, Args)]
@@ -57,6 +61,7 @@ pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
             bail!("the records hold {} of the {} problems of this draw", problems.len(), drawn.len());
         }
     }
+    warn_of_unchecked(&problems);
     let summary = Summary::of(&grade_all(&problems));
     if args.json {
         println!("{}", serde_json::to_string_pretty(&Output { run_idx: drawn, summary })?);
@@ -64,6 +69,21 @@ pub fn run(args: &GradeArgs) -> anyhow::Result<ExitCode> {
         println!("{}", table(&summary));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Says on standard error which problems have no checks: they count as passed, as in the published evaluator.
+fn warn_of_unchecked(problems: &[RecordedProblem]) {
+    let without = problems.iter().filter(|problem| problem.task.turns.iter().all(|turn| turn.checks.is_empty()));
+    let mut numbers: Vec<String> = without.map(|problem| problem.task.number.to_string()).collect();
+    if numbers.is_empty() {
+        return;
+    }
+    let which = agreeing(numbers.len(), "problem has no check and counts", "problems have no checks and count");
+    if numbers.len() > MOST_NAMED {
+        numbers.truncate(MOST_NAMED);
+        numbers.push("…".to_owned());
+    }
+    eprintln!("warning: {which} as passed: run_idx {}", numbers.join(", "));
 }
 
 /// Reads raw records and groups them into problems.

@@ -91,6 +91,23 @@ fn grade_prints_a_table_and_names_what_is_wrong() {
 }
 
 #[test]
+fn grade_warns_of_problems_without_checks() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bare.jsonl");
+    let bare =
+        |number: u32| format!("{{\"run_idx\":{number},\"turn_idx\":1,\"n_turns\":1,\"checks\":[],\"coords\":[]}}\n");
+    std::fs::write(&file, (1..=12).map(bare).collect::<String>()).unwrap();
+    let output = run(&["grade", file.to_str().unwrap()]);
+    assert!(output.status.success());
+    assert_eq!(
+        text(&output.stderr),
+        "warning: 12 problems have no checks and count as passed: run_idx 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, …\n"
+    );
+    let output = run(&["grade", "run.jsonl"]);
+    assert_eq!(text(&output.stderr), "");
+}
+
+#[test]
 fn task_files_are_counted_and_stored_once() {
     let folder = tempfile::tempdir().unwrap();
     let database = folder.path().join("p.db");

@@ -130,6 +130,11 @@ async fn bombs_and_endless_bodies_are_cut_off() {
 async fn unknown_places_and_methods_are_problems_too() {
     let (_folder, service) = service();
     assert!(service.get("/nowhere").await.faults(404).is_empty());
+    let one_segment = service.get("/v1/tasks/113").await.json();
+    assert!(
+        one_segment["detail"].as_str().unwrap().ends_with("; did you mean /v1/tasks/{family}/{instance}?"),
+        "{one_segment}"
+    );
     assert!(service.get("/v1/submissions/none").await.faults(404).is_empty());
     assert!(service.get("/v1/submissions/none/report").await.faults(404).is_empty());
     assert!(service.get("/v1/runs/none").await.faults(404).is_empty());

@@ -20,6 +20,7 @@ use tower_http::CompressionLevel;
 use tower_http::compression::CompressionLayer;
 use tower_http::decompression::RequestDecompressionLayer;
 
+use super::near;
 use super::observe::{Observation, Owner, allowed, is_preflight};
 use super::route::{CheckedRoute, OnlyRoute, RouteSlot};
 use super::unrewarded;
@@ -144,7 +145,6 @@ impl Front {
     /// document, into problem documents.
     async fn run(&self, request: Request) -> Response {
         let (method, uri) = (request.method().clone(), request.uri().clone());
-        let asked = || format!("{method} {}", without_key(uri.path()));
         let answered = AssertUnwindSafe(self.route(request)).catch_unwind();
         let response = match tokio::time::timeout(REQUEST_TIMEOUT, answered).await {
             Ok(Ok(response)) => response,
@@ -152,7 +152,7 @@ impl Front {
             Err(_) => StatusCode::REQUEST_TIMEOUT.into_response(),
         };
         let is_error = response.status().is_client_error() || response.status().is_server_error();
-        if is_error { as_problem(response, asked).await } else { response }
+        if is_error { as_problem(response, &method, &without_key(uri.path())).await } else { response }
     }
 
     /// Calls the router, with the body decompressed if it has a `Content-Encoding`.
@@ -205,7 +205,7 @@ fn is_administration(request: &Request) -> bool {
     path == "/metrics" || path.starts_with(MODERATION) || is_board_action
 }
 
-async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response {
+async fn as_problem(response: Response, method: &Method, path: &str) -> Response {
     let status = response.status();
     let kind = response.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
     // HTML pages describe the error themselves.
@@ -215,10 +215,13 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
     let (parts, body) = response.into_parts();
     let error = match status {
         StatusCode::NOT_FOUND => {
-            AppError::not_found(format!("no resource matches {}; the API reference lists all operations", asked()))
+            let near = near::suggestion(path);
+            AppError::not_found(format!(
+                "no resource matches {method} {path}; the API reference lists all operations{near}"
+            ))
         }
         StatusCode::METHOD_NOT_ALLOWED => {
-            let detail = format!("{} is not allowed; the Allow header lists the allowed methods", asked());
+            let detail = format!("{method} {path} is not allowed; the Allow header lists the allowed methods");
             AppError::new(Kind::MethodNotAllowed, detail)
         }
         StatusCode::REQUEST_TIMEOUT => {
@@ -230,7 +233,7 @@ async fn as_problem(response: Response, asked: impl Fn() -> String) -> Response 
             let detail = "this Content-Encoding is not supported; send gzip, zstd or none";
             AppError::new(Kind::UnsupportedMediaType, detail)
         }
-        _ if status.is_server_error() => AppError::internal(&format!("{}: {status}", asked())),
+        _ if status.is_server_error() => AppError::internal(&format!("{method} {path}: {status}")),
         _ => AppError::new(Kind::BadRequest, text_of(body).await),
     };
     let retry_after_s = error.retry_after_s();

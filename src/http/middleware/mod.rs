@@ -1,6 +1,7 @@
 //! Middleware around the router.
 
 pub mod front;
+mod near;
 pub mod observe;
 pub mod queries;
 pub mod rates;
