@@ -19,7 +19,7 @@ use super::epoch_page;
 use super::evidence::key;
 use super::files;
 use super::process::block_on;
-use super::verify_epoch::{answers_in, take_commitment, take_epoch, verified};
+use super::verify_epoch::{answers_in, take_commitment, take_epoch, take_given, verified};
 use super::witness::{folder_of, witness_key};
 use crate::client::Service;
 use plumbline_engine::hidden::canonical::unhex;
@@ -58,6 +58,9 @@ pub struct VerifyArchiveArgs {
     /// its own copy of the commitment.
     #[arg(long, value_name = "FILE")]
     commitment: Option<PathBuf>,
+    /// Responses of the service that contain a receipt, or journals with such responses, as `verify-epoch` takes them.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    given: Vec<PathBuf>,
     /// Key of a witness that you trust, as `plumbline witness --name` prints it: the archive must have its cosignature.
     #[arg(long = "witness", value_name = "KEY", value_parser = witness_key)]
     witnesses: Vec<Witness>,
@@ -208,8 +211,12 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     // Pages are read one after the other: each has the end of the log as it was then.
     let size = kept.log.last().map_or(0, |last| last.seq);
     kept.heads.retain(|head| head.size == size);
-    let mut is_good = verified(&reveal, &kept)?;
-    for difference in epoch_page::differences(&archive.epoch, &archive.reveal, &reveal) {
+    let asked_otherwise = take_given(&mut kept, &args.given, &reveal)?;
+    let mut is_good = verified(&reveal, &kept)? && asked_otherwise.is_empty();
+    for why in asked_otherwise {
+        println!("BROKEN  {why}");
+    }
+    for difference in epoch_page::differences(&archive.epoch, &archive.reveal, &reveal, &kept.log) {
         println!("BROKEN  epoch page: {difference}");
         is_good = false;
     }

@@ -3,13 +3,15 @@
 use serde_json::{Value, json};
 
 use crate::clock::rfc3339;
+use plumbline_engine::hidden::announcements::{Announcement, announcement};
 use plumbline_engine::hidden::evidence::{Fact, fact};
 use plumbline_engine::hidden::feedback::Tier;
+use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedInstance};
 
 /// Returns in which members the page of an epoch that is over differs from the reveal and its receipts; `raw` is the reveal
-/// as JSON, which may have members that this program does not know.
-pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal) -> Vec<String> {
+/// as JSON, which may have members that this program does not know, and `log` the public log, which announces the epoch.
+pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal, log: &[ReceiptFile]) -> Vec<String> {
     let commitment = &reveal.commitment;
     let facts = reveal.receipts.iter().flatten().filter_map(|file| fact(file.receipt.as_ref()?));
     let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).next_back();
@@ -47,6 +49,12 @@ pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal) -> Vec<Str
         expected.push(("closed_early_at", early.map(|closed| rfc3339(closed.closed_at_ms)).into()));
         expected.push(("closed_reason", early.map(|closed| closed.reason.clone()).into()));
     }
+    let mut announced = log.iter().filter_map(|file| announcement(file.receipt.as_ref()?));
+    let committed = announced.find_map(|told| match told {
+        Announcement::Epoch(told) if told.commitment.epoch == commitment.epoch => Some(told.committed_at_ms),
+        _ => None,
+    });
+    expected.extend(committed.map(|at_ms| ("committed_at", rfc3339(at_ms).into())));
     let differs = |(name, wanted): (&str, Value)| {
         let found = page.get(name).unwrap_or(&Value::Null);
         let is_same = *found == wanted;

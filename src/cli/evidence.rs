@@ -25,6 +25,19 @@ pub(super) fn read_given(value: &Value) -> Option<GivenReceipt> {
     serde_json::from_value(inner.unwrap_or(value).clone()).ok()
 }
 
+/// Returns the receipts in a value, each with the response that has it: the value itself, or parts of it, as in a line of a
+/// journal.
+pub(super) fn handed_out_in(value: &Value) -> Vec<(&Value, GivenReceipt)> {
+    if let Some(given) = read_given(value) {
+        return vec![(value, given)];
+    }
+    match value {
+        Value::Array(items) => items.iter().flat_map(handed_out_in).collect(),
+        Value::Object(members) => members.values().flat_map(handed_out_in).collect(),
+        _ => Vec::new(),
+    }
+}
+
 /// Compares the instances of the response to a draw with what its receipt states, and their times with the rules of the
 /// epoch. Returns what differs.
 pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, commitment: &Commitment) -> Option<String> {

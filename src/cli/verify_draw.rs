@@ -125,8 +125,9 @@ fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trust
     }
     if !trusted.contains(&given.public_key.as_str()) {
         let key = &given.public_key;
-        return Receipt::NotChecked(format!(
-            "it is signed with {key}, which the epoch did not commit to; if you know that key from elsewhere, trust it with --key"
+        return Receipt::Broken(format!(
+            "it is signed with {key}, which the epoch did not commit to: it proves nothing later; if you know that key from \
+             elsewhere, trust it with --key"
         ));
     }
     let Some(Fact::Draw(stated)) = fact(&given.receipt) else {

@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::Value;
 
-use super::evidence::{drawn_otherwise, is_reveal, key, read_given};
+use super::evidence::{drawn_otherwise, handed_out_in, is_reveal, key};
 use super::files;
 use plumbline_engine::hidden::commitment::Commitment;
 use plumbline_engine::hidden::evidence::{Fact, fact};
@@ -36,7 +36,7 @@ pub struct VerifyEpochArgs {
     #[arg(long, value_name = "FILE", num_args = 1..)]
     receipts: Vec<PathBuf>,
     /// Responses of the service that contain a receipt: to the registration of an entry, the draws of its runs, and the
-    /// answers to its instances.
+    /// answers to its instances; or a `journal.jsonl` of `plumbline-client evaluate`, which has them all.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     given: Vec<PathBuf>,
     /// Boards as served by `GET /v1/epochs/NAME/leaderboard`, which are recomputed.
@@ -111,7 +111,6 @@ pub(super) fn take_commitment(kept: &mut Kept, path: &Path, reveal: &Reveal) -> 
 
 /// Reads what the verifier kept, and returns it with the draws among it whose receipts state something else than they.
 fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<(Kept, Vec<String>)> {
-    let mut asked_otherwise = Vec::new();
     let mut kept = Kept { keys: args.keys.clone(), ..Kept::default() };
     if let Some(path) = &args.commitment {
         take_commitment(&mut kept, path, reveal)?;
@@ -140,20 +139,42 @@ fn read_kept(args: &VerifyEpochArgs, reveal: &Reveal) -> anyhow::Result<(Kept, V
     if !args.receipts.is_empty() && kept.log.is_empty() && kept.heads.is_empty() {
         bail!("--receipts: these pages hold no receipt and no head; expected the pages of GET /v1/receipts");
     }
-    for path in &args.given {
-        for value in files::values(path)? {
-            let given = read_given(&value).with_context(|| format!("{} holds no receipt", path.display()))?;
-            if let (Some(Fact::Draw(draw)), true) = (fact(&given.receipt), value["instances"].is_array()) {
-                let why = drawn_otherwise(&value, &draw, &reveal.commitment);
-                asked_otherwise.extend(why.map(|why| format!("receipt in {}: {why}", path.display())));
-            }
-            kept.given.push(given);
-        }
-    }
+    let asked_otherwise = take_given(&mut kept, &args.given, reveal)?;
     for path in &args.board {
         kept.boards.push(read_board(path, &reveal.commitment.epoch)?);
     }
     Ok((kept, asked_otherwise))
+}
+
+/// Takes the receipts from files of responses that the verifier kept, or of journals with such responses. Returns what is
+/// wrong with draws among them whose receipts state something else than they.
+///
+/// # Errors
+/// Returns an error if a file cannot be read, or holds no receipt that was handed out.
+pub(super) fn take_given(kept: &mut Kept, paths: &[PathBuf], reveal: &Reveal) -> anyhow::Result<Vec<String>> {
+    let mut asked_otherwise = Vec::new();
+    for path in paths {
+        let before = kept.given.len();
+        for value in files::values(path)? {
+            if is_reveal(&value) || value["receipts"].is_array() {
+                bail!("{}: is what the service publishes, not what it handed to an entrant", path.display());
+            }
+            for (response, given) in handed_out_in(&value) {
+                let is_own = given.receipt["epoch"] == reveal.commitment.epoch.as_str();
+                if let (true, Some(Fact::Draw(draw)), true) =
+                    (is_own, fact(&given.receipt), response["instances"].is_array())
+                {
+                    let why = drawn_otherwise(response, &draw, &reveal.commitment);
+                    asked_otherwise.extend(why.map(|why| format!("receipt in {}: {why}", path.display())));
+                }
+                kept.given.push(given);
+            }
+        }
+        if kept.given.len() == before {
+            bail!("{} holds no receipt", path.display());
+        }
+    }
+    Ok(asked_otherwise)
 }
 
 /// Reads a board of the epoch.

@@ -93,6 +93,13 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
     };
     let service = Service::at(&args.url, None)?;
     let note = String::from_utf8(service.get_bytes("/log/checkpoint").await?).context("the checkpoint is not text")?;
+    if Checkpoint::parts(&note).and_then(|(text, _)| Checkpoint::read(&text)).is_none() {
+        let begin: String = note.chars().take(60).collect();
+        bail!(
+            "{}: /log/checkpoint is no checkpoint, but begins with {begin:?}: is something between you and the service?",
+            args.url
+        );
+    }
     let Some(checkpoint) = Checkpoint::verified(&note, &[&key]).filter(|checkpoint| checkpoint.origin == origin) else {
         println!(
             "BROKEN  the checkpoint is not signed with the key of {origin}; {}\n{note}",
@@ -101,7 +108,7 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::FAILURE);
     };
     let before = seen.frontier.size();
-    if before > 0 {
+    if before > 0 || seen.note.is_some() {
         // Only a state that its own signed note proves can accuse the service.
         let own = seen.note.as_deref().and_then(|note| Checkpoint::verified(note, &[&seen_key]));
         if own.is_none_or(|own| own.size != before || own.root != seen.frontier.root()) {

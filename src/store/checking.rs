@@ -3,6 +3,7 @@
 
 mod grades;
 mod keys;
+mod log;
 
 use sha2::{Digest as _, Sha256};
 
@@ -99,6 +100,7 @@ pub async fn check(
     counts.push(("regraded", check.regraded().await));
     counts.push(("receipts", check.receipts().await));
     counts.push(("pending receipts", check.pending_receipts().await));
+    check.log().await;
     check.keys(secrets).await;
     let Check { pool, moment, .. } = check;
     drop(moment);

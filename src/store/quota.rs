@@ -120,7 +120,7 @@ pub(super) async fn charge(tx: &mut Tx, graded: &[(&str, &str)], now_ms: i64) ->
             .execute(&mut *tx)
             .await?;
     }
-    enter(tx, "charge", "graded, and the report released", now_ms, graded).await
+    enter(tx, "charge", "graded", now_ms, graded).await
 }
 
 /// Refunds the reservation of a submission that ends without a released report.

@@ -314,14 +314,16 @@ impl Secrets {
         }
         let kept = self.must_get(name)?;
         let secret = std::str::from_utf8(&kept).ok().and_then(|text| unhex(text.trim()));
-        let unreadable = || StoreError::Secret { path: self.file(name), detail: UNREADABLE_KEY.to_owned() };
+        let remedy = if name == SIGNER { LOST_RECEIPT_KEY } else { "" };
+        let unreadable = || StoreError::Secret { path: self.file(name), detail: format!("{UNREADABLE_KEY}{remedy}") };
         Ok(Signer::new(&secret.ok_or_else(unreadable)?))
     }
 }
 
 /// What is said of a key that cannot be read.
-const UNREADABLE_KEY: &str = "is not 32 bytes of hexadecimal: put the right file back, or move it away if the key is lost, and \
-                              start with serve --new-receipt-key";
+const UNREADABLE_KEY: &str = "is not 32 bytes of hexadecimal: put the right file back";
+/// What is said besides of the key of receipts.
+const LOST_RECEIPT_KEY: &str = ", or move it away if the key is lost, and start with serve --new-receipt-key";
 
 /// Returns 32 random bytes from the operating system.
 ///

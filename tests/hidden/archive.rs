@@ -33,7 +33,8 @@ fn written(scene: &Scene, name: &str, text: &str) -> String {
 }
 
 /// Changes of the page of the epoch, which nobody signs.
-const CHANGES_OF_THE_PAGE: [Change; 12] = [
+const CHANGES_OF_THE_PAGE: [Change; 13] = [
+    ("the announcement on the page", |it| it["epoch"]["committed_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the end on the page", |it| it["epoch"]["closes_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the opening on the page", |it| it["epoch"]["opens_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the state on the page", |it| it["epoch"]["state"] = json!("open")),
@@ -71,6 +72,8 @@ async fn an_epoch_is_verified_from_one_file() {
     std::fs::write(scene.file("kept.json"), scene.service.get("/v1/epochs/autumn").await.text).unwrap();
     let entry = scene.register(&lab, "official", 1).await;
     let instances = scene.draw(&lab, &entry, 1).await;
+    let draw = json!({ "run": 1, "nonce": "a nonce of our own 1" });
+    let drawn = scene.made(&lab, &format!("/v1/entries/{entry}/instances"), &draw).await;
     scene.answer(&lab, &instances, 2).await;
     scene.made(&lab, &format!("/v1/entries/{entry}/finalize"), &json!({})).await;
     scene.end_epoch().await;
@@ -92,6 +95,12 @@ async fn an_epoch_is_verified_from_one_file() {
         assert!(told.contains(part), "{part}: {told}");
     }
     assert!(!told.contains("BROKEN"), "{told}");
+    // What the lab kept, line by line as in a journal.
+    let journal = scene.file("journal.jsonl").to_str().unwrap().to_owned();
+    let lines = [json!({ "seed": 1 }), json!({ "number": 1, "drawn": { "run": 1, "response": drawn } })];
+    std::fs::write(&journal, lines.map(|line| format!("{line}\n")).concat()).unwrap();
+    let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key, "--given", &journal]));
+    assert!(!told.contains("none was given"), "{told}");
     if is_postgres() {
         // What follows reads files alone, whichever database the epoch was in.
         return;
@@ -103,7 +112,12 @@ async fn an_epoch_is_verified_from_one_file() {
     older["witnesses"]["witnesses"][0]["note"] = json!(early_note);
     let output = verified(&pack(&scene, "older", &older), &["--commitment", &kept, "--witness", &key]);
     assert!(refused(&output).contains("has not cosigned the log with all receipts"), "{}", refused(&output));
-    let changes: [Change; 8] = [
+    let changes: [Change; 9] = [
+        ("the announcement is withheld", |it| {
+            let announced = &mut it["log"][0]["receipts"][0];
+            assert!(announced["receipt"]["epoch"].is_object(), "{announced}");
+            (announced["receipt"], announced["signature"]) = (Value::Null, Value::Null);
+        }),
         ("an early board", |it| {
             let board = &mut it["boards"][1];
             (board["is_final"], board["is_released"], board["rows"]) = (json!(false), json!(false), json!([]));

@@ -6,7 +6,8 @@ use std::process::Command;
 use crate::support::database;
 use crate::support::epoch::{CONFIGURATION, Scene, id, run, said};
 use crate::support::repository;
-use plumbline::store::db::query;
+use plumbline::store::db::{Each, query};
+use plumbline_engine::hidden::receipts::Signer;
 use serde_json::{Value, json};
 
 #[tokio::test]
@@ -147,6 +148,11 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
         said(&run(&["verify-draw", &draw, "--commitment", &epoch], None))
     };
     assert!(check("kept.json", &kept).contains("its receipt states these instances and prompts"));
+    let forger = Signer::new(&[9; 32]);
+    let mut forged = kept.clone();
+    forged["receipt"]["signature"] = json!(forger.sign(&kept["receipt"]["receipt"]).signature);
+    forged["receipt"]["public_key"] = json!(forger.public_key());
+    assert!(check("forged.json", &forged).contains("BROKEN  receipt: it is signed with"), "a key of somebody else");
     let pool = database::pool(&scene.file("p.db")).await;
     let change = async |sql: String| {
         let changed = query(sqlx::AssertSqlSafe(sql.clone())).execute(&pool).await.unwrap();
@@ -173,6 +179,7 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
     scene.is_sealed().await;
     let reveal = scene.service.get("/v1/epochs/autumn/reveal").await.json();
     std::fs::write(scene.file("reveal.json"), reveal.to_string()).unwrap();
+    let kept_draw = kept;
     let [reveal, epoch, kept, again] = ["reveal.json", "epoch.json", "kept.json", "again.json"]
         .map(|name| scene.file(name).to_str().unwrap().to_owned());
     let with = |given: &str| said(&run(&["verify-epoch", &reveal, "--commitment", &epoch, "--given", given], None));
@@ -184,9 +191,42 @@ async fn a_draw_that_was_kept_shows_false_prompts_and_other_draws() {
     std::fs::write(scene.file("asked.json"), asked.to_string()).unwrap();
     let told = with(scene.file("asked.json").to_str().unwrap());
     assert!(told.contains("BROKEN  receipt in ") && told.contains("it states other instances"), "{told}");
+    // A receipt of another epoch says nothing of this one, whose rules are not its own.
+    let mut other = kept_draw;
+    other["receipt"]["receipt"]["epoch"] = json!("winter");
+    other["instances"][0]["expires_at"] = json!("2001-01-01T00:00:00.000Z");
+    std::fs::write(scene.file("other.json"), other.to_string()).unwrap();
+    let told = with(scene.file("other.json").to_str().unwrap());
+    assert!(told.contains("belongs to another epoch") && !told.contains("BROKEN"), "{told}");
     let told = with(&again);
     assert!(!told.contains("BROKEN") && told.contains("NOTE  the epoch ended "), "{told}");
     assert!(told.contains("before its committed end, with the reason \"the suite changed\""), "{told}");
+    what_the_log_lost_is_damage(&scene).await;
+}
+
+/// `check` compares the log with the receipts that were handed out, and an epoch with its announcement.
+async fn what_the_log_lost_is_damage(scene: &Scene) {
+    let check = || run(&["check"], Some(&scene.file("p.db")));
+    assert!(check().status.success(), "{}", said(&check()));
+    let pool = database::pool(&scene.file("p.db")).await;
+    let allow = Each { sqlite: "DROP TRIGGER receipts_stay", postgres: "DROP TRIGGER receipts_stay ON receipts" };
+    query(allow).execute(&pool).await.unwrap();
+    for damage in [
+        "DELETE FROM receipts WHERE epoch_id IS NOT NULL",
+        "UPDATE epochs SET commitment = replace(commitment, '\"opens_at_ms\":', '\"opens_at_ms\":1')",
+        "INSERT INTO cosignatures (witness, size, checkpoint, line, at_s) VALUES ('w', 999999, '', '', 1)",
+    ] {
+        query(damage).execute(&pool).await.unwrap();
+    }
+    pool.close().await;
+    let told = said(&check());
+    for part in [
+        "its receipt is missing from the log",
+        "DAMAGED  epochs autumn: its commitment is not the one that the log announces",
+        "DAMAGED  cosignatures w: it is of 999999 receipts, and the log has ",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
 }
 
 /// A configuration stays with the owner who first entered it, in whatever epoch and tier.

@@ -1,5 +1,6 @@
 //! What the transparency log does when its key changes, and when what is stored of it is damaged.
 
+use std::io::{Read as _, Write as _};
 use std::path::Path;
 use std::process::Output;
 
@@ -80,6 +81,37 @@ async fn a_new_key_does_not_hide_another_history() {
     assert_eq!(output.status.code(), Some(1));
     let told = refused(&output);
     assert!(told.contains("BROKEN  the service shows another history") && told.contains("another file"), "{told}");
+}
+
+#[tokio::test]
+async fn a_witness_accuses_nobody_of_what_it_cannot_tell() {
+    let folder = tempfile::tempdir().unwrap();
+    let (database, state) = (folder.path().join("p.db"), folder.path().join("seen.json"));
+    let service = Service::start(&database, &[]);
+    service.finished_run("first", 0).await;
+    let key = service.get("/log/key").await.text;
+    succeeded(&witness(&state, &service.url, &["--log-key", &key]));
+    // A proxy that answers everything with a page of its own.
+    let proxy = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}", proxy.local_addr().unwrap());
+    std::thread::spawn(move || {
+        for mut connection in proxy.incoming().flatten() {
+            let _read = connection.read(&mut [0; 4_096]);
+            let page = "<html>Please sign in</html>";
+            let head = format!("HTTP/1.1 200 OK\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", page.len());
+            connection.write_all(format!("{head}{page}").as_bytes()).unwrap();
+        }
+    });
+    let output = witness(&state, &url, &[]);
+    assert_eq!(output.status.code(), Some(2), "{}", refused(&output));
+    assert!(refused(&output).contains("is no checkpoint, but begins with \"<html>Please"), "{}", refused(&output));
+    // A state that forgot what its own checkpoint says.
+    let mut kept: Value = serde_json::from_slice(&std::fs::read(&state).unwrap()).unwrap();
+    (kept["frontier"]["size"], kept["frontier"]["roots"]) = (0.into(), Value::Array(Vec::new()));
+    std::fs::write(&state, kept.to_string()).unwrap();
+    let output = witness(&state, &service.url, &[]);
+    assert_eq!(output.status.code(), Some(2), "{}", refused(&output));
+    assert!(refused(&output).contains("seen.json is damaged"), "{}", refused(&output));
 }
 
 #[tokio::test]

@@ -169,6 +169,14 @@ impl Episode {
         }
     }
 
+    /// Says that it has expired, and what to do.
+    pub const fn why_expired(&self) -> &'static str {
+        match self.task {
+            Some(_) => "the episode has expired; open another one",
+            None => "the episode has expired; open another one if its instance still takes an answer",
+        }
+    }
+
     /// Checks that it takes another step of this number.
     ///
     /// # Errors
@@ -179,7 +187,7 @@ impl Episode {
         match self.state() {
             EpisodeState::Submitted => return over("the episode was submitted; open another one"),
             EpisodeState::Expired if is_doubted() => return Err(AppError::clock_in_doubt()),
-            EpisodeState::Expired => return over("the episode has expired; open another one"),
+            EpisodeState::Expired => return over(self.why_expired()),
             EpisodeState::Open if self.row.submitting_at_ms.is_some() => {
                 return over("the episode is being submitted; if that was interrupted, submit it again");
             }

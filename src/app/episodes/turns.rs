@@ -89,7 +89,7 @@ pub async fn submit(
         return Ok(Submitted::Submission(submission));
     }
     if episode.state() == EpisodeState::Expired && episode.row.submitting_at_ms.is_none() {
-        let expired = AppError::conflict("episode-over", "the episode has expired; open another one");
+        let expired = AppError::conflict("episode-over", episode.why_expired());
         return Err(if is_doubted() { AppError::clock_in_doubt() } else { expired });
     }
     if !app.store.close_episode(id, episode.row.step, now_ms()).await? {

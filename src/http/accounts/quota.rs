@@ -78,7 +78,7 @@ pub struct QuotaEntryBody {
     #[schema(format = Uuid)]
     pub submission: Option<String>,
     /// Reason for the entry.
-    #[schema(example = "graded, and the report released")]
+    #[schema(example = "graded")]
     pub reason: String,
     /// Time of the entry.
     #[schema(format = DateTime)]

@@ -2490,7 +2490,7 @@ class QuotaEntryBody(BaseModel):
     """
     Identifier of the submission; null for a grant, and for an answer to a hidden instance until its entry is complete.
     """
-    reason: Annotated[str, Field(examples=["graded, and the report released"])]
+    reason: Annotated[str, Field(examples=["graded"])]
     """
     Reason for the entry.
     """

@@ -2,6 +2,7 @@
 
 use super::times::SLACK_MS;
 use super::{Kept, Verified};
+use crate::hidden::FIRST_WITH_PROMPTS;
 use crate::hidden::announcements::{Announcement, EpochFact, announcement};
 use crate::hidden::beacon::{Beacon, BoundPool};
 use crate::hidden::commitment::Commitment;
@@ -102,14 +103,21 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
             found.breach(format!("receipt {seq} of the log"), "announces something other than the reveal has");
         }
     }
-    let (Some(beacon), Some(first)) = (&commitment.beacon, kept.log.iter().map(|file| file.seq).min()) else { return };
+    let Some(first) = kept.log.iter().map(|file| file.seq).min() else { return };
     if first > 1 {
         let why = format!("announcements in the log: the pages that were given begin with receipt {first}");
         found.unchecked.push(why);
         return;
     }
     let place = |is_it: fn(&Announcement) -> bool| told.iter().find(|(_, told)| is_it(told)).map(|(seq, _)| *seq);
-    let epoch = place(|told| matches!(told, Announcement::Epoch(_)));
+    let Some(epoch) = place(|told| matches!(told, Announcement::Epoch(_))) else {
+        // Epochs of earlier protocols may be older than announcements.
+        if commitment.beacon.is_some() || commitment.protocol() >= FIRST_WITH_PROMPTS {
+            found.breach("log", "does not announce the epoch, or withholds the announcement, which is public at once");
+        }
+        return;
+    };
+    let Some(beacon) = &commitment.beacon else { return };
     let pool = place(|told| matches!(told, Announcement::Pool(_)));
     in_order(epoch, pool, beacon, reveal.pool.as_ref(), &told, found);
     // An official entry is in the log before the pool: its time alone could be written back.
@@ -126,17 +134,13 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
 
 /// Checks that the epoch was announced before the round, and the pool after it.
 fn in_order(
-    epoch: Option<i64>,
+    epoch: i64,
     pool: Option<i64>,
     beacon: &Beacon,
     made: Option<&BoundPool>,
     told: &[(i64, Announcement)],
     found: &mut Verified,
 ) {
-    let Some(epoch) = epoch else {
-        found.breach("log", "does not announce the epoch");
-        return;
-    };
     let late = told.iter().any(|(_, told)| match told {
         Announcement::Epoch(fact) => fact.committed_at_ms >= beacon.emitted_at_ms(),
         _ => false,
