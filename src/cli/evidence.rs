@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::clock::rfc3339;
+use crate::clock::{milliseconds, rfc3339};
 use plumbline_engine::hidden::FIRST_WITH_PROMPTS;
 use plumbline_engine::hidden::canonical::unhex;
 use plumbline_engine::hidden::commitment::Commitment;
@@ -53,10 +53,13 @@ pub(super) fn drawn_otherwise(response: &Value, stated: &DrawFact, commitment: &
     }
     if let Some(rules) = &commitment.rules {
         let expires = stated.drawn_at_ms + i64::from(rules.instance_seconds) * 1_000;
-        let expires = rfc3339(expires.min(commitment.closes_at_ms));
-        if instances.iter().any(|own| differs(&own["expires_at"], expires.clone().into())) {
+        let expires = expires.min(commitment.closes_at_ms);
+        // A program that kept it may have written the same time in another way.
+        let differs = |found: &Value| !found.is_null() && found.as_str().and_then(milliseconds) != Some(expires);
+        if instances.iter().any(|own| differs(&own["expires_at"])) {
             return Some(format!(
-                "by it and the rules of the epoch the instances expire at {expires}, not when the response says"
+                "by it and the rules of the epoch the instances expire at {}, not when the response says",
+                rfc3339(expires)
             ));
         }
     }

@@ -56,6 +56,31 @@ class Running:
         return subprocess.run(command, check=True, capture_output=True, text=True, env=without_settings()).stdout
 
 
+def verified_afterwards(running: Running, epoch: str, kept: Path, answers: int) -> str:
+    """Ends an epoch, verifies its reveal against what a lab kept of it, and returns what was said."""
+    running.run("epochs", "close", epoch, "--reason", "the test is over")
+    reveal = running.database.with_name("reveal.json")
+    for _ in range(600):
+        response = httpx.get(f"{running.url}/v1/epochs/{epoch}/reveal")
+        if response.status_code == 200:
+            break
+        time.sleep(0.1)
+    reveal.write_bytes(response.raise_for_status().content)
+    command = [PROGRAM, "verify-epoch", str(reveal), "--given", str(kept)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=without_settings())
+    assert done.returncode == 0, done.stdout
+    # Each of them is in the reveal: without one of them, it is missed.
+    lacking = json.loads(reveal.read_bytes())
+    signed = [one for one in lacking["receipts"] if one["receipt"].get("answer")]
+    assert len(signed) == answers
+    lacking["receipts"].remove(signed[-1])
+    reveal.write_text(json.dumps(lacking))
+    broken = subprocess.run(command, check=False, capture_output=True, text=True, env=without_settings())
+    assert broken.returncode == 1
+    assert "is missing from the reveal" in broken.stdout
+    return done.stdout
+
+
 def without_settings() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("PLUMBLINE")}
 

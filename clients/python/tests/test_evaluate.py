@@ -15,7 +15,7 @@ from typing import Any
 
 import httpx
 import pytest
-from conftest import Running, build, without_settings
+from conftest import Running, build, verified_afterwards, without_settings
 from endpoint import Endpoint, Reply, code_of
 
 from plumbline_client import Client
@@ -486,5 +486,7 @@ def test_hidden_instances_are_answered_with_the_hash_of_the_transcript(
         transcript = (evaluate.folder / "transcripts/1" / f"{instance}.json").read_bytes()
         assert shown.transcript_sha256 is not None
         assert shown.transcript_sha256 == hashlib.sha256(transcript).hexdigest()
+        told = verified_afterwards(running, "e1", evaluate.folder / "journal.jsonl", entry.issued)
+        assert f"{entry.issued} of {entry.issued} draws" in told
     finally:
         running.stop()

@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import httpx
 import pytest
-from conftest import Running, build, without_settings
+from conftest import Running, build, verified_afterwards, without_settings
 from endpoint import code_of
 
 from plumbline_client import Client
@@ -295,6 +295,11 @@ def test_a_hidden_evaluation_is_answered_and_finalized(inspect: Path, tmp_path: 
         assert entry.state in ("finalized", "complete")
         assert log.results is not None
         assert log.results.scores[0].unscored_samples == entry.issued
+        assert log.samples is not None
+        answered = [score.metadata for sample in log.samples for score in (sample.scores or {}).values()]
+        kept = tmp_path / "kept.json"
+        kept.write_text(json.dumps([log.eval.metadata, answered]))
+        verified_afterwards(running, "e1", kept, entry.issued)
     finally:
         running.stop()
 

@@ -102,5 +102,8 @@ async def enter(
     for number in range(1, plan.repeat + 1):
         # Drawing again with the same nonce gives the same instances.
         drawn = await client.entries.draw(entry_id, run=number, nonce=f"{nonce}-{number}")
+        if number not in {known["run"] for known in journal.all("", "draw")}:
+            # With its proof and its receipt, which `verify-draw` and `verify-epoch` take.
+            journal.add("", "draw", run=number, drawn=drawn.model_dump(mode="json"))
         runs.append([Problem(str(one.id), tuple(one.prompts), is_hidden=True) for one in drawn.instances])
     return entry_id, runs

@@ -49,7 +49,7 @@ def passes() -> Scorer:
         except PlumblineError as error:
             return Score.unscored(reason="scoring_failed", explanation=str(error))
         if graded.get("hidden"):
-            return Score.unscored(reason="hidden", explanation=graded["explanation"])
+            return Score.unscored(reason="hidden", explanation=graded["explanation"], metadata=graded["evidence"])
         return Score(value=float(graded["overall"]), explanation=graded["explanation"], metadata=graded["evidence"])
 
     return score
@@ -175,17 +175,23 @@ def explained(report: ReportBody, page: str, refused: list[str]) -> str:
 async def answered(client: AsyncClient, state: TaskState, build: Build) -> dict[str, Any]:
     """Answers a hidden instance; the entry is finalized with the last of its answers."""
     if build.episode is not None:
-        await client.episodes.submit(build.episode)
+        taken = (await client.episodes.submit(build.episode)).model_dump(mode="json")
     else:
         turns = answers(build.texts, state.metadata["turns"])
         instance, profile = state.metadata["instance"], state.metadata["profile"]
         try:
-            await client.instances.answer(instance, turns=turns, profile=profile)
+            accepted = await client.instances.answer(instance, turns=turns, profile=profile)
         except Faulty as refused:
             turns, build.refused = without_refused(turns, refused)
-            await client.instances.answer(instance, turns=turns, profile=profile)
+            accepted = await client.instances.answer(instance, turns=turns, profile=profile)
+        taken = accepted.model_dump(mode="json")
     entry = await client.entries.get(state.metadata["entry"])
     if entry.answered == state.metadata["instances"] and entry.state == "registered":
         await client.entries.finalize(state.metadata["entry"])
     page = f"{client.url}/v1/entries/{state.metadata['entry']}"
-    return {"hidden": True, "explanation": f"Answered. The [entry]({page}) has the result when it is released."}
+    return {
+        "hidden": True,
+        "explanation": f"Answered. The [entry]({page}) has the result when it is released.",
+        # The receipt of the answer, which `verify-epoch` compares with what the service reveals.
+        "evidence": {"answered": taken},
+    }

@@ -77,13 +77,10 @@ def mineceraft_hidden(
         with Client() as client:
             system = client.tasks.system_prompt(None, profile=profile)
             entry = client.entries.create(epoch, agent=agent, configuration_sha256=configuration, tier=tier, runs=runs)
-            drawn = [
-                (run, instance)
-                for run in range(1, runs + 1)
-                for instance in client.entries.draw(entry.id, run=run, nonce=secrets.token_hex(16)).instances
-            ]
+            draws = [client.entries.draw(entry.id, run=run, nonce=secrets.token_hex(16)) for run in range(1, runs + 1)]
     except PlumblineError as error:
         raise PrerequisiteError(str(error)) from error
+    drawn = [(run, instance) for run, draw in enumerate(draws, 1) for instance in draw.instances]
     shared = {
         "entry": str(entry.id),
         "instances": len(drawn),
@@ -99,7 +96,14 @@ def mineceraft_hidden(
         dataset=MemoryDataset(samples, name=epoch),
         solver=solver_of(mode),
         scorer=[passes(), criteria()],
-        metadata={"epoch": epoch, "entry": str(entry.id), "tier": tier},
+        metadata={
+            "epoch": epoch,
+            "entry": str(entry.id),
+            "tier": tier,
+            # What the service signed, which `verify-draw` and `verify-epoch` compare with what it says later.
+            "registered": entry.model_dump(mode="json"),
+            "draws": [draw.model_dump(mode="json") for draw in draws],
+        },
     )
 
 
