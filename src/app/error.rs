@@ -191,6 +191,11 @@ impl AppError {
         Self::new(Kind::Internal, "The service failed. The request may be sent again.").retry_after(1)
     }
 
+    /// Creates the failure that data which the service stored cannot be read, and logs where it is and why.
+    pub fn damaged(place: &'static str, cause: impl fmt::Display) -> Self {
+        StoreError::corrupt(place, cause).into()
+    }
+
     /// Adds the faults that caused the failure.
     #[must_use]
     pub fn with_faults(self, faults: Faults) -> Self {

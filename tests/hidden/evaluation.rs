@@ -1,7 +1,9 @@
 //! Hidden evaluation as an outside lab goes through it, over HTTP: register, draw, build, answer, finalize; then the
 //! epoch closes, everything is revealed and verified, and a changed bit is found.
 
+use crate::support::database;
 use crate::support::epoch::{CONFIGURATION, Scene, answer_to, id, run, said};
+use plumbline::store::db::query;
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -50,6 +52,7 @@ async fn a_lab_goes_through_an_epoch_and_checks_what_it_revealed() {
     let path = format!("/v1/instances/{}/answer", id(&first[5]));
     let again = scene.made(&lab, &path, &answer_to(&first[5], &pool, false)).await;
     assert_eq!(again["repeated"], true);
+    a_damaged_receipt_is_told_as_that(&scene, &lab, &first[5]).await;
     scene.refused(&lab, &path, &answer_to(&first[5], &pool, true), "already-answered").await;
     let broken =
         json!({ "turns": [{ "events": [{ "action": "place", "x": 0.5, "y": 0, "z": 0, "material": "stone" }] }] });
@@ -328,4 +331,23 @@ async fn answers_may_be_scripts_as_agents_write_them() {
         let events = wanted["events"].as_array().unwrap().len() + more;
         assert_eq!(answer.json()["action_code"][0]["events"], events, "{name}: {}", answer.text);
     }
+}
+
+/// Sending an answer again whose stored receipt is damaged changes nothing, and the response says so.
+async fn a_damaged_receipt_is_told_as_that(scene: &Scene, lab: &str, instance: &Value) {
+    let pool = database::pool(&scene.file("p.db")).await;
+    for (from, to) in [("hash", "hush"), ("hush", "hash")] {
+        let sql = format!("UPDATE instances SET receipt = replace(receipt, '\"{from}\":', '\"{to}\":') WHERE id = $1");
+        query(sqlx::AssertSqlSafe(sql)).bind(id(instance)).execute(&pool).await.unwrap();
+        let path = format!("/v1/instances/{}/answer", id(instance));
+        let again = scene.post(lab, &path, &answer_to(instance, &scene.pool(), false)).await;
+        if to == "hash" {
+            assert_eq!(again.json()["repeated"], true, "{}", again.text);
+        } else {
+            let told = again.json();
+            assert_eq!((again.status.as_u16(), &told["retryable"]), (500, &json!(false)), "{told}");
+            assert_eq!(told["type"], "urn:plumbline:problem:damaged", "{told}");
+        }
+    }
+    pool.close().await;
 }

@@ -70,7 +70,7 @@ impl Stored {
     /// # Errors
     /// Returns 500 if what is stored is no log.
     pub fn log(&self) -> AppResult<BlockLog> {
-        BlockLog::from_canonical_json(self.log.as_bytes()).map_err(|error| AppError::internal(&error))
+        BlockLog::from_canonical_json(self.log.as_bytes()).map_err(|error| AppError::damaged("episodes", error))
     }
 
     /// Replaces the log.
@@ -94,7 +94,7 @@ impl Stored {
 
     /// Reads what was packed. It may take a while.
     fn unpacked(packed: &[u8]) -> AppResult<Self> {
-        serde_json::from_slice(&unpack(packed)?).map_err(|error| AppError::internal(&error))
+        serde_json::from_slice(&unpack(packed)?).map_err(|error| AppError::damaged("episodes", error))
     }
 }
 

@@ -21,7 +21,7 @@ pub struct VerifyingKeys {
 /// # Errors
 /// Returns an error if the stored text is not a receipt.
 pub(super) fn given(stored: Option<&str>) -> AppResult<Option<GivenReceipt>> {
-    stored.map(serde_json::from_str).transpose().map_err(|error| AppError::internal(&error))
+    stored.map(serde_json::from_str).transpose().map_err(|error| AppError::damaged("handed out receipts", error))
 }
 
 /// Returns a page of the log after a position, with the signed end of the log.

@@ -92,7 +92,7 @@ pub async fn accept_replayed(
         Acceptability::KeyUsedOtherwise => Err(key_reused()),
         Acceptability::Replayed(result) => {
             let before: Vec<(String, bool)> =
-                serde_json::from_str(&result).map_err(|error| AppError::internal(&error))?;
+                serde_json::from_str(&result).map_err(|error| AppError::damaged("idempotency", error))?;
             let accepted = |(id, repeated)| AcceptedSubmission { id, repeated, action_code: Vec::new() };
             Ok(Acceptance { submissions: before.into_iter().map(accepted).collect(), is_replayed: true })
         }

@@ -161,7 +161,7 @@ pub async fn structure_file(
     let writing = tokio::task::spawn_blocking(move || {
         // Held until the work ends, also if the sender no longer waits.
         let _slot = slot;
-        let log = BlockLog::from_canonical_json(&log).map_err(|error| AppError::internal(&error))?;
+        let log = BlockLog::from_canonical_json(&log).map_err(|error| AppError::damaged("submissions", error))?;
         written(&log, turn, format)
     });
     writing.await.map_err(|error| AppError::internal(&error))?

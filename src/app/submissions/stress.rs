@@ -60,7 +60,7 @@ pub async fn of_submission(
 /// # Errors
 /// Returns 422 if it has more blocks than stress is computed for.
 fn structure_after(log: &[u8], turn: usize) -> AppResult<Structure> {
-    let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::internal(&error))?;
+    let log = BlockLog::from_canonical_json(log).map_err(|error| AppError::damaged("submissions", error))?;
     let structure = Replay::new(&log).nth(turn - 1).unwrap_or_else(|| Structure::from_named([]));
     let (blocks, most) = (structure.len(), LIMITS.blocks_with_stress);
     if blocks > most {
