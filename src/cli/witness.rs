@@ -20,6 +20,7 @@ use plumbline_engine::hidden::tlog::frontier::Frontier;
 use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
 use plumbline_engine::hidden::tlog::tiles::{TILE, TileName, read_entries};
 use plumbline_engine::hidden::tlog::tree::leaf;
+use plumbline_engine::text::agreeing;
 
 /// Arguments of `witness`.
 #[derive(Debug, Args)]
@@ -128,15 +129,21 @@ async fn follow(args: &WitnessArgs) -> anyhow::Result<ExitCode> {
         }
     }
     if grown.root() != checkpoint.root {
+        if before == 0 {
+            println!(
+                "BROKEN  the entries in /log/tile are not those that the checkpoint is signed for: the tiles or the checkpoint are of \
+                 another log\n{note}"
+            );
+            return Ok(ExitCode::FAILURE);
+        }
         return Ok(other_history(&seen, &note, "its entries do not follow those seen before"));
     }
-    match before {
-        0 => eprintln!("{origin}: {} entries, seen for the first time", checkpoint.size),
-        _ => eprintln!(
-            "{origin}: {} entries, {} of them new; the earlier ones are as they were",
-            checkpoint.size,
-            checkpoint.size - before
-        ),
+    let size = agreeing(checkpoint.size, "entry", "entries");
+    match &seen.note {
+        None => eprintln!("{origin}: {size}, seen for the first time"),
+        Some(_) => {
+            eprintln!("{origin}: {size}, {} of them new; the earlier ones are as they were", checkpoint.size - before);
+        }
     }
     if let Some(new) = &args.new_log_key
         && new.trim() != seen.log_key
