@@ -126,8 +126,8 @@ fn receipt_of(response: &Value, draw: &DrawProof, commitment: &Commitment, trust
     if !trusted.contains(&given.public_key.as_str()) {
         let key = &given.public_key;
         return Receipt::Broken(format!(
-            "it is signed with {key}, which the epoch did not commit to: it proves nothing later; if you know that key from \
-             elsewhere, trust it with --key"
+            "it is signed with {key}, which the epoch did not commit to; if the log says that the operator replaced the key, get the \
+             new one from somebody you trust, and name it with --key"
         ));
     }
     let Some(Fact::Draw(stated)) = fact(&given.receipt) else {

@@ -1,5 +1,6 @@
 //! Hidden evaluation: entries, attacks and leaks.
 
+mod announcements;
 mod archive;
 mod attacks;
 mod beacons;

@@ -78,19 +78,25 @@ impl Check<'_> {
         let mut epochs = BTreeMap::new();
         for (id, commitment) in stored {
             match serde_json::from_str::<Commitment>(&commitment) {
-                Ok(commitment) => drop(epochs.insert(id, commitment)),
-                Err(error) => (self.tell)(Found::damaged(format!("epochs {id}"), error.to_string())),
+                Ok(commitment) => drop(epochs.insert(id, Some(commitment))),
+                Err(error) => {
+                    (self.tell)(Found::damaged(format!("epochs {id}"), error.to_string()));
+                    epochs.insert(id, None);
+                }
             }
         }
         let sql = "SELECT body FROM receipts WHERE submission_id IS NULL AND epoch_id IS NULL ORDER BY seq";
         let bodies: Vec<String> = query_scalar(sql).fetch_all(&mut self.moment).await?;
         for told in bodies.iter().filter_map(|body| announcement(&serde_json::from_str(body).ok()?)) {
             let Announcement::Epoch(told) = told else { continue };
-            if epochs.get(&told.commitment.epoch).is_some_and(|stored| *stored != *told.commitment) {
-                let place = format!("epochs {}", told.commitment.epoch);
-                let detail = "its commitment is not the one that the log announces".to_owned();
-                (self.tell)(Found::damaged(place, detail));
-            }
+            let detail = match epochs.get(&told.commitment.epoch) {
+                None => "the log announces it, and it is missing",
+                Some(Some(stored)) if *stored != *told.commitment => {
+                    "its commitment is not the one that the log announces"
+                }
+                Some(_) => continue,
+            };
+            (self.tell)(Found::damaged(format!("epochs {}", told.commitment.epoch), detail.to_owned()));
         }
         Ok(())
     }

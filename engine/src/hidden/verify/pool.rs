@@ -1,8 +1,10 @@
 //! Checks the pool of an epoch that is bound to a beacon: it derives from the committed round, and was published once.
 
+use std::collections::BTreeSet;
+
 use super::times::SLACK_MS;
 use super::{Kept, Verified};
-use crate::hidden::FIRST_WITH_PROMPTS;
+use crate::hidden::FIRST_WITH_KEPT_PART;
 use crate::hidden::announcements::{Announcement, EpochFact, announcement};
 use crate::hidden::beacon::{Beacon, BoundPool};
 use crate::hidden::commitment::Commitment;
@@ -109,14 +111,17 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
         found.unchecked.push(why);
         return;
     }
-    let place = |is_it: fn(&Announcement) -> bool| told.iter().find(|(_, told)| is_it(told)).map(|(seq, _)| *seq);
+    let place =
+        |is_it: fn(&Announcement) -> bool| told.iter().filter(|(_, told)| is_it(told)).map(|(seq, _)| *seq).min();
+    let own = reveal.receipts.iter().flatten().map(|file| file.seq).min();
     let Some(epoch) = place(|told| matches!(told, Announcement::Epoch(_))) else {
-        // Epochs of earlier protocols may be older than announcements.
-        if commitment.beacon.is_some() || commitment.protocol() >= FIRST_WITH_PROMPTS {
-            found.breach("log", "does not announce the epoch, or withholds the announcement, which is public at once");
-        }
+        not_announced(commitment, kept, own, found);
         return;
     };
+    if let Some(own) = own.filter(|own| *own < epoch) {
+        let why = format!("announces the epoch after receipt {own}, which is one of the epoch");
+        found.breach(format!("receipt {epoch} of the log"), why);
+    }
     let Some(beacon) = &commitment.beacon else { return };
     let pool = place(|told| matches!(told, Announcement::Pool(_)));
     in_order(epoch, pool, beacon, reveal.pool.as_ref(), &told, found);
@@ -129,6 +134,23 @@ pub(super) fn announced(reveal: &Reveal, commitment: &Commitment, kept: &Kept, t
     for file in late.filter(is_official) {
         found
             .breach(format!("receipt {}", file.seq), "registers an official entry, but entered the log after the pool");
+    }
+}
+
+/// Says that no announcement of the epoch can be read; `own` is the place of the epoch's first receipt. Pages that are missing
+/// before it are reported with the log.
+fn not_announced(commitment: &Commitment, kept: &Kept, own: Option<i64>, found: &mut Verified) {
+    let is_before = |seq: &i64| *seq >= 1 && own.is_none_or(|own| *seq < own);
+    let before: BTreeSet<i64> = kept.log.iter().map(|file| file.seq).filter(is_before).collect();
+    let last = own.map_or_else(|| before.last().copied().unwrap_or(0), |own| own.saturating_sub(1));
+    if i64::try_from(before.len()) != Ok(last) {
+        return;
+    }
+    // Epochs of the first protocol may be older than announcements.
+    if commitment.beacon.is_some() || commitment.protocol() >= FIRST_WITH_KEPT_PART {
+        found.breach("log", "does not announce the epoch, or withholds the announcement, which is public at once");
+    } else {
+        found.unchecked.push("the announcement of the epoch: the log has none, as before there were any".to_owned());
     }
 }
 
