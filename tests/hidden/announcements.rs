@@ -2,13 +2,12 @@
 
 use plumbline_engine::hidden::announcements::{Announcement, EpochFact, receipt};
 use plumbline_engine::hidden::canonical::unhex;
-use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile, Signer, link};
+use plumbline_engine::hidden::receipts::{LogHead, LogPage, Signer};
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, verify};
-use plumbline_engine::tasks::hex;
 use serde_json::json;
 
-use crate::support::epoch::Scene;
+use crate::support::epoch::{Scene, appended};
 
 /// What is broken in a reveal by the pages of the log.
 fn breaches(reveal: &Reveal, page: &LogPage) -> Vec<String> {
@@ -41,18 +40,7 @@ async fn an_epoch_is_announced_for_all_to_see_before_anything_of_it() {
     let signer = Signer::new(&unhex(key.trim()).unwrap());
     let fact = EpochFact { commitment: Box::new(reveal.commitment.clone()), committed_at_ms: 7 };
     let (last, body) = (withheld.receipts.last().unwrap().clone(), receipt(&Announcement::Epoch(fact)));
-    let signed = signer.sign(&body);
-    let file = ReceiptFile {
-        seq: last.seq + 1,
-        receipt: Some(body),
-        hash: hex(&signed.hash),
-        signature: Some(signed.signature),
-        public_key: signer.public_key(),
-        link: hex(&link(&unhex(&last.link).unwrap(), &signed.hash)),
-        previous: last.link,
-        place_signature: None,
-        inclusion: None,
-    };
+    let file = appended(&last, body, &signer);
     withheld.head = Some(LogHead::signed(file.seq, file.link.clone(), 8, &signer));
     withheld.receipts.push(file);
     let told = breaches(&reveal, &withheld);

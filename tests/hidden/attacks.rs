@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::support::database::is_postgres;
-use crate::support::epoch::{CONFIGURATION, Scene, all_are_graded, answer_to, id, run, said};
+use crate::support::epoch::{CONFIGURATION, Scene, all_are_graded, answer_to, appended, id, run, said};
 use crate::support::tampering::{forged_with_other_prompts, forged_without_the_last_entry, tamperings};
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::verify::{Kept, Verified, verify};
@@ -141,9 +141,7 @@ async fn every_tampering_with_a_reveal_is_found() {
 
 /// A log whose new receipts are withheld, or that says that the key has changed, proves nothing by itself.
 fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Downloaded) {
-    use plumbline_engine::hidden::receipts::{LogHead, LogPage, ReceiptFile, Signer, key_change, link};
-    let unhex = |text: &str| plumbline_engine::hidden::canonical::unhex::<32>(text).unwrap();
-    let hex = |bytes: &[u8]| plumbline_engine::tasks::hex(bytes);
+    use plumbline_engine::hidden::receipts::{LogHead, LogPage, Signer, key_change};
     // The kept pages, with bodies that the operator no longer shows, but for announcements, which are public at once.
     let mut kept = downloaded.kept();
     for file in kept.log.iter_mut().filter(|file| !file.receipt.as_ref().unwrap()["epoch"].is_object()) {
@@ -164,20 +162,7 @@ fn the_log_is_not_believed_for_being_long(forged: &Reveal, downloaded: &Download
     // Somebody without the key continues the log with a change to a key of their own.
     let page: LogPage = serde_json::from_value(downloaded.pages[0].clone()).unwrap();
     let (own, last) = (Signer::new(&[9; 32]), page.receipts.last().unwrap().clone());
-    let change = key_change(&last.public_key, &own.public_key(), 7);
-    let signed = own.sign(&change);
-    let next = link(&unhex(&last.link), &signed.hash);
-    let file = ReceiptFile {
-        seq: last.seq + 1,
-        receipt: Some(change),
-        hash: hex(&signed.hash),
-        signature: Some(signed.signature),
-        public_key: own.public_key(),
-        previous: last.link,
-        link: hex(&next),
-        place_signature: None,
-        inclusion: None,
-    };
+    let file = appended(&last, key_change(&last.public_key, &own.public_key(), 7), &own);
     let mut kept = downloaded.kept();
     kept.heads = vec![LogHead::signed(file.seq, file.link.clone(), 8, &own)];
     kept.log.push(file);

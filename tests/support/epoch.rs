@@ -6,8 +6,10 @@ use std::process::{Command, Output};
 
 use plumbline::store::db::query_scalar;
 use plumbline_engine::hidden::GENERATOR_VERSION;
+use plumbline_engine::hidden::canonical::unhex;
+use plumbline_engine::hidden::receipts::{ReceiptFile, Signer, link};
 use plumbline_engine::hidden::siblings::Siblings;
-use plumbline_engine::tasks::Task;
+use plumbline_engine::tasks::{Task, hex};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -218,4 +220,20 @@ pub async fn all_are_graded(scene: &Scene, wanted: i64) {
         tokio::time::sleep(std::time::Duration::from_millis(100)).await;
     }
     panic!("not all are graded");
+}
+
+/// Signs a receipt and puts it behind the last one of a log, as whoever has the key could.
+pub fn appended(last: &ReceiptFile, receipt: Value, signer: &Signer) -> ReceiptFile {
+    let signed = signer.sign(&receipt);
+    ReceiptFile {
+        seq: last.seq + 1,
+        receipt: Some(receipt),
+        hash: hex(&signed.hash),
+        signature: Some(signed.signature),
+        public_key: signer.public_key(),
+        previous: last.link.clone(),
+        link: hex(&link(&unhex(&last.link).unwrap(), &signed.hash)),
+        place_signature: None,
+        inclusion: None,
+    }
 }
