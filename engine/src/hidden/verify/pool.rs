@@ -150,7 +150,9 @@ fn not_announced(commitment: &Commitment, kept: &Kept, own: Option<i64>, found: 
     if commitment.beacon.is_some() || commitment.protocol() >= FIRST_WITH_KEPT_PART {
         found.breach("log", "does not announce the epoch, or withholds the announcement, which is public at once");
     } else {
-        found.unchecked.push("the announcement of the epoch: the log has none, as before there were any".to_owned());
+        found.unchecked.push(
+            "the announcement of the epoch: the log has none; an epoch of the first protocol may be older".to_owned(),
+        );
     }
 }
 
