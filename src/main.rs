@@ -19,7 +19,7 @@ fn main() -> ExitCode {
     if !cli.command.outlives_its_readers() {
         sigpipe::reset();
     }
-    let (is_json, failure) = (cli.command.logs_json(), cli.command.failure());
+    let (is_json, failure) = (cli.command.logs_json(), cli.command.exit_code_of_failure());
     let tell = |level: &str, message: &str| {
         if is_json {
             let time = plumbline::clock::rfc3339(plumbline::clock::now_ms());

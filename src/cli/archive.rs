@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::error::Category;
 
+use super::archived_log::{self, ArchivedLog, Demands};
 use super::epoch_page;
 use super::evidence::key;
 use super::files;
@@ -27,7 +28,7 @@ use plumbline_engine::hidden::feedback::Tier;
 use plumbline_engine::hidden::receipts::LogPage;
 use plumbline_engine::hidden::reveal::Reveal;
 use plumbline_engine::hidden::tlog::cosignature::Witness;
-use plumbline_engine::hidden::tlog::note::{Checkpoint, read_verifier_key};
+use plumbline_engine::hidden::tlog::note::read_verifier_key;
 use plumbline_engine::hidden::tlog::tree::{Tree, leaf};
 use plumbline_engine::hidden::verify::Kept;
 use plumbline_engine::text::agreeing;
@@ -206,11 +207,11 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     }
     let has_board = |tier: &str| archive.boards.iter().any(|board| board["tier"] == tier);
     let missing: Vec<&str> = Tier::ALL.map(Tier::name).into_iter().filter(|tier| !has_board(tier)).collect();
-    let tree = tree_of(&archive)?;
+    let (tree, name) = (tree_of(&archive)?, archived_log::name_of(&archive.log));
     kept.log = archive.log.into_iter().flat_map(|page| page.receipts).collect();
     // Pages are read one after the other: each has the end of the log as it was then.
-    let size = kept.log.last().map_or(0, |last| last.seq);
-    kept.heads.retain(|head| head.size == size);
+    let last = kept.log.last().map_or(0, |last| last.seq);
+    kept.heads.retain(|head| head.size == last);
     let asked_otherwise = take_given(&mut kept, &args.given, &reveal)?;
     let mut is_good = verified(&reveal, &kept)? && asked_otherwise.is_empty();
     for why in asked_otherwise {
@@ -227,50 +228,12 @@ pub fn verify(args: &VerifyArchiveArgs) -> anyhow::Result<ExitCode> {
     let committed = reveal.commitment.rules.as_ref().map(|rules| rules.receipt_key.as_str());
     let trusted: Vec<&str> = kept.keys.iter().map(String::as_str).chain(committed).collect();
     // A witness vouches for the epoch only if it has seen the log with all of its receipts.
-    let needed = reveal.receipts.iter().flatten().map(|file| file.seq.unsigned_abs()).max().unwrap_or(0);
-    let told = archive.witnesses["witnesses"].as_array().map(Vec::as_slice).unwrap_or_default();
-    let cosigned = told.iter().filter_map(|witness| Some(("cosigned checkpoint", witness["note"].as_str()?)));
-    let mut cosigned_by: Vec<&str> = Vec::new();
-    for (what, note) in [("checkpoint", archive.checkpoint.as_str())].into_iter().chain(cosigned) {
-        let Some(checkpoint) = Checkpoint::verified(note, &trusted) else {
-            println!(
-                "BROKEN  {what}: is signed neither with the key that the epoch committed to nor with one of --key; if the operator \
-                 replaced the key, the log says so: get the other one from somebody you trust, and name it with --key"
-            );
-            is_good = false;
-            continue;
-        };
-        if tree.root(checkpoint.size) != Some(checkpoint.root) {
-            println!("BROKEN  {what}: is not of the log in the archive");
-            is_good = false;
-            continue;
-        }
-        println!("{what} of {}: is of the log in the archive", agreeing(checkpoint.size, "entry", "entries"));
-        if checkpoint.size < needed {
-            println!("NOTE    {what}: is from before the epoch's last receipt, {needed}");
-            continue;
-        }
-        let lines = Checkpoint::parts(note).map(|(_, lines)| lines).unwrap_or_default();
-        let has = |witness: &&Witness| lines.iter().any(|line| witness.cosigned(line, &checkpoint).is_some());
-        cosigned_by.extend(args.witnesses.iter().filter(has).map(|witness| witness.name.as_str()));
-    }
-    for witness in &args.witnesses {
-        if cosigned_by.contains(&witness.name.as_str()) {
-            println!("{} has cosigned it", witness.name);
-        } else {
-            println!(
-                "BROKEN  witness {}: has not cosigned the log with all receipts of the epoch; if it may have done so since, run it once \
-                 more and archive again",
-                witness.name
-            );
-            is_good = false;
-        }
-    }
+    let size = reveal.receipts.iter().flatten().map(|file| file.seq.unsigned_abs()).max().unwrap_or(0);
+    let demands = Demands { size, keys: &trusted, witnesses: &args.witnesses };
+    let (key, checkpoint, witnesses) = (&archive.log_key, &archive.checkpoint, &archive.witnesses);
+    is_good &= archived_log::holds(&ArchivedLog { key, checkpoint, witnesses, tree, name }, &demands);
     for tier in missing {
         println!("NOT CHECKED  the {tier} board: it is not in the archive");
-    }
-    if args.witnesses.is_empty() {
-        println!("NOT CHECKED  cosignatures: no witness to trust was named (--witness)");
     }
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -50,7 +50,7 @@ pub struct RestoreArgs {
 
 /// Arguments of `export` and `import`.
 #[derive(Debug, Args)]
-pub struct ExportArgs {
+pub struct LinesArgs {
     /// Folder of the exported files: `runs.ndjson`, `submissions.ndjson`, `reports.ndjson` and others.
     folder: PathBuf,
     #[command(flatten)]
@@ -169,7 +169,7 @@ pub fn restore(args: &RestoreArgs) -> anyhow::Result<ExitCode> {
 ///
 /// # Errors
 /// Returns an error if the database does not exist, or a file already exists or cannot be written.
-pub fn export_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
+pub fn export_lines(args: &LinesArgs) -> anyhow::Result<ExitCode> {
     args.database.name();
     std::fs::create_dir_all(&args.folder).with_context(|| args.folder.display().to_string())?;
     let unfinished = args.folder.join(UNFINISHED);
@@ -225,7 +225,7 @@ fn lines_file(folder: &Path, kind: &Kind) -> PathBuf {
 ///
 /// # Errors
 /// Returns an error if a file is missing, the database is not empty, or a line is invalid; nothing is stored then.
-pub fn import_lines(args: &ExportArgs) -> anyhow::Result<ExitCode> {
+pub fn import_lines(args: &LinesArgs) -> anyhow::Result<ExitCode> {
     let is_missing = |kind: &&Kind| !lines_file(&args.folder, kind).is_file();
     let missing: Vec<String> = KINDS.iter().filter(is_missing).map(|kind| format!("{}.ndjson", kind.name)).collect();
     if !missing.is_empty() {

@@ -3,9 +3,10 @@
 use serde_json::{Value, json};
 
 use crate::clock::rfc3339;
+use plumbline_engine::hidden::FIRST_WITH_KEPT_PART;
 use plumbline_engine::hidden::announcements::{Announcement, announcement};
 use plumbline_engine::hidden::evidence::{Fact, fact};
-use plumbline_engine::hidden::feedback::Tier;
+use plumbline_engine::hidden::feedback::{Feedback, Tier, released_bits};
 use plumbline_engine::hidden::receipts::ReceiptFile;
 use plumbline_engine::hidden::reveal::{Reveal, RevealedInstance};
 
@@ -16,6 +17,7 @@ pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal, log: &[Rec
     let facts = reveal.receipts.iter().flatten().filter_map(|file| fact(file.receipt.as_ref()?));
     let closed = facts.filter_map(|fact| if let Fact::Closed(closed) = fact { Some(closed) } else { None }).next_back();
     let entries = |tier: Tier| reveal.entries.iter().filter(|entry| entry.tier == tier).count();
+    let told = |tier: Tier| tier.feedback(commitment.dev_feedback);
     let mut expected: Vec<(&str, Value)> = vec![
         ("id", commitment.epoch.clone().into()),
         ("state", "closed".into()),
@@ -23,6 +25,7 @@ pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal, log: &[Rec
         ("closes_at", rfc3339(commitment.closes_at_ms).into()),
         ("entries", json!({ "dev": entries(Tier::Dev), "official": entries(Tier::Official) })),
         ("commitment", raw["commitment"].clone()),
+        ("feedback", json!({ "open": Feedback::Full, "dev": told(Tier::Dev), "official": told(Tier::Official) })),
     ];
     let pool = reveal.specifications.len();
     let (siblings, own): (Vec<_>, Vec<_>) = reveal.instances.iter().partition(|one| one.leaf as usize >= pool);
@@ -65,5 +68,25 @@ pub(super) fn differences(page: &Value, raw: &Value, reveal: &Reveal, log: &[Rec
         };
         (!is_same).then_some(told)
     };
-    expected.into_iter().filter_map(differs).collect()
+    expected.into_iter().filter_map(differs).chain(untrue_bits(page, reveal)).collect()
+}
+
+/// Returns how the released bits on the page differ from those of the completed entries. Programs of the first protocol
+/// counted them in another way.
+fn untrue_bits(page: &Value, reveal: &Reveal) -> Option<String> {
+    let commitment = &reveal.commitment;
+    if commitment.protocol() < FIRST_WITH_KEPT_PART || reveal.entries.iter().any(|own| own.completed_at_ms.is_none()) {
+        return None;
+    }
+    let answered =
+        |entry: &str| reveal.instances.iter().filter(|own| own.entry == entry && own.log_sha256.is_some()).count();
+    let bits: f64 = reveal
+        .entries
+        .iter()
+        .map(|own| released_bits(own.tier.feedback(commitment.dev_feedback), answered(&own.id)))
+        .sum();
+    let told = &page["released_bits"];
+    // The page has one decimal place.
+    let is_same = told.as_f64().is_some_and(|told| (told - bits).abs() < 0.051);
+    (!is_same).then(|| format!("released_bits: says {told}, and the completed entries release {bits:.1}"))
 }

@@ -1,6 +1,7 @@
 //! The command line: the commands, their arguments and what they do.
 
 pub mod archive;
+mod archived_log;
 pub mod build;
 pub mod check;
 pub mod checksums;
@@ -14,6 +15,7 @@ pub mod epochs;
 mod evidence;
 pub mod failures;
 mod files;
+mod given_receipts;
 pub mod grade;
 pub mod keys;
 pub mod process;
@@ -110,9 +112,9 @@ pub enum Command {
     /// Restore the database from a backup.
     Restore(copies::RestoreArgs),
     /// Export runs, submissions, reports and all other board data as files of JSON lines; the service may keep running.
-    Export(copies::ExportArgs),
+    Export(copies::LinesArgs),
     /// Import exported files into a database that has no runs yet.
-    Import(copies::ExportArgs),
+    Import(copies::LinesArgs),
     /// Run action code (JavaScript) against stand-ins and print one event per line.
     Replay(replay::ReplayArgs),
     /// Print the OpenAPI document.
@@ -132,7 +134,7 @@ impl Command {
     /// Returns the exit code of a command that fails. Commands that verify exit with 1 for what does not hold, so that
     /// it can be told from what could not be checked.
     #[must_use]
-    pub const fn failure(&self) -> u8 {
+    pub const fn exit_code_of_failure(&self) -> u8 {
         match self {
             Self::Witness(_)
             | Self::VerifyDraw(_)
@@ -140,7 +142,28 @@ impl Command {
             | Self::VerifyArchive(_)
             | Self::VerifyReceipt(_)
             | Self::Check(_) => 2,
-            _ => 1,
+            Self::Grade(_)
+            | Self::Conformance { .. }
+            | Self::Tasks(_)
+            | Self::Build(_)
+            | Self::Serve(_)
+            | Self::Work(_)
+            | Self::Submit(_)
+            | Self::Keys(_)
+            | Self::Quota(_)
+            | Self::Failures(_)
+            | Self::Webhooks(_)
+            | Self::Regrade(_)
+            | Self::Epochs(_)
+            | Self::ArchiveEpoch(_)
+            | Self::Migrate(_)
+            | Self::Backup(_)
+            | Self::Restore(_)
+            | Self::Export(_)
+            | Self::Import(_)
+            | Self::Replay(_)
+            | Self::Openapi
+            | Self::RunActionCode => 1,
         }
     }
 

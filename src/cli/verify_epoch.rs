@@ -215,9 +215,19 @@ pub fn run(args: &VerifyEpochArgs) -> anyhow::Result<ExitCode> {
 /// Verifies a reveal, and prints what was found. Returns whether nothing is broken.
 ///
 /// # Errors
-/// Returns an error if this program's own families are faulty.
+/// Returns an error if this program lacks a version that the epoch was made with, or if its own families are faulty.
 pub(super) fn verified(reveal: &Reveal, kept: &Kept) -> anyhow::Result<bool> {
     let found = verify(reveal, kept)?;
+    if let Some(why) = found.unverifiable {
+        for breach in &found.breaches {
+            println!("BROKEN  {breach}");
+        }
+        if found.breaches.is_empty() {
+            bail!("{why}");
+        }
+        println!("NOT CHECKED  {why}");
+        return Ok(false);
+    }
     let graded = reveal.instances.iter().filter(|instance| instance.log_sha256.is_some()).count();
     println!(
         "epoch {}: {} of {} specifications, {} of {} draws and {} of {graded} grades recomputed and identical",

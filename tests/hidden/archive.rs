@@ -8,6 +8,8 @@ use crate::support::database::is_postgres;
 use crate::support::epoch::{Scene, run};
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
+use plumbline_engine::hidden::receipts::Signer;
+use plumbline_engine::hidden::tlog::note::{origin, verifier_key};
 use serde_json::{Value, json};
 
 /// A change of an archive.
@@ -33,7 +35,10 @@ fn written(scene: &Scene, name: &str, text: &str) -> String {
 }
 
 /// Changes of the page of the epoch, which nobody signs.
-const CHANGES_OF_THE_PAGE: [Change; 13] = [
+const CHANGES_OF_THE_PAGE: [Change; 16] = [
+    ("released bits on the page", |it| it["epoch"]["released_bits"] = json!(500.0)),
+    ("no released bits on the page", |it| it["epoch"]["released_bits"] = json!("none")),
+    ("feedback on the page", |it| it["epoch"]["feedback"]["official"] = json!("full")),
     ("the announcement on the page", |it| it["epoch"]["committed_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the end on the page", |it| it["epoch"]["closes_at"] = json!("2026-01-01T00:00:00.000Z")),
     ("the opening on the page", |it| it["epoch"]["opens_at"] = json!("2026-01-01T00:00:00.000Z")),
@@ -48,6 +53,28 @@ const CHANGES_OF_THE_PAGE: [Change; 13] = [
     ("entries on the page", |it| it["epoch"]["entries"]["official"] = json!(9)),
     ("the commitment on the page", |it| it["epoch"]["commitment"]["owner_percent"] = json!(99)),
 ];
+
+/// Changes of what the archive says of the log and of its witnesses, which nobody signs either.
+const CHANGES_OF_THE_LOG: [Change; 6] = [
+    ("the key of the log", |it| it["log_key"] = json!(another_key())),
+    ("the name of a witness", |it| it["witnesses"]["witnesses"][0]["name"] = json!("famous.example")),
+    ("the key of a witness", |it| it["witnesses"]["witnesses"][0]["key"] = json!("w.example+00000000+AAAA")),
+    ("what a witness has seen", |it| it["witnesses"]["witnesses"][0]["size"] = json!(3)),
+    ("when a witness saw it", |it| {
+        it["witnesses"]["witnesses"][0]["cosigned_at"] = json!("2026-01-01T00:00:00.000Z");
+    }),
+    ("a witness that saw nothing", |it| {
+        let told =
+            json!({ "name": "v.example", "key": it["log_key"], "size": null, "cosigned_at": null, "note": null });
+        it["witnesses"]["witnesses"].as_array_mut().unwrap().push(told);
+    }),
+];
+
+/// The key of a log of somebody else.
+fn another_key() -> String {
+    let signer = Signer::new(&[7; 32]);
+    verifier_key(&origin(&signer.public_key()), &signer)
+}
 
 #[tokio::test]
 async fn an_epoch_is_verified_from_one_file() {
@@ -97,10 +124,12 @@ async fn an_epoch_is_verified_from_one_file() {
     assert!(!told.contains("BROKEN"), "{told}");
     // What the lab kept, line by line as in a journal.
     let journal = scene.file("journal.jsonl").to_str().unwrap().to_owned();
-    let lines = [json!({ "seed": 1 }), json!({ "number": 1, "drawn": { "run": 1, "response": drawn } })];
+    let line = json!({ "number": 1, "drawn": { "run": 1, "response": drawn } });
+    let lines = [json!({ "seed": 1 }), line.clone(), line];
     std::fs::write(&journal, lines.map(|line| format!("{line}\n")).concat()).unwrap();
     let told = succeeded(&verified(&out, &["--commitment", &kept, "--witness", &key, "--given", &journal]));
     assert!(!told.contains("none was given"), "{told}");
+    a_journal_is_looked_up_in_the_log(&scene, &archive, &journal);
     if is_postgres() {
         // What follows reads files alone, whichever database the epoch was in.
         return;
@@ -130,7 +159,7 @@ async fn an_epoch_is_verified_from_one_file() {
         ("the checkpoint", |it| it["checkpoint"] = json!("plumbline.log/1\n3\nAAAA\n\n— plumbline.log/1 AAAA\n")),
         ("the cosignature", |it| it["witnesses"]["witnesses"][0]["note"] = Value::Null),
     ];
-    for (what, change) in changes.into_iter().chain(CHANGES_OF_THE_PAGE) {
+    for (what, change) in changes.into_iter().chain(CHANGES_OF_THE_PAGE).chain(CHANGES_OF_THE_LOG) {
         let mut changed = archive.clone();
         change(&mut changed);
         let file = pack(&scene, "changed", &changed);
@@ -147,6 +176,23 @@ async fn an_epoch_is_verified_from_one_file() {
     // A browser may have unpacked it, and a shell saved it in its own way.
     std::fs::write(scene.file("unpacked"), format!("\u{feff}{archive}")).unwrap();
     succeeded(&verified(scene.file("unpacked").to_str().unwrap(), &["--commitment", &kept, "--witness", &key]));
+}
+
+/// `verify-receipt` takes a journal beside the pages of the log, and still demands all of the log.
+fn a_journal_is_looked_up_in_the_log(scene: &Scene, archive: &Value, journal: &str) {
+    let key = archive["log"][0]["receipts"][0]["public_key"].as_str().unwrap();
+    let verified = |page: &Value| {
+        let page = written(scene, "page.json", &page.to_string());
+        run(&["verify-receipt", &page, journal, "--key", key], None)
+    };
+    let told = succeeded(&verified(&archive["log"][0]));
+    assert_eq!(told.matches("is at position").count(), 2, "{told}");
+    let mut cut = archive["log"][0].clone();
+    drop(cut["receipts"].as_array_mut().unwrap().pop());
+    assert!(refused(&verified(&cut)).contains("BROKEN  end of the log"), "{}", refused(&verified(&cut)));
+    let none = written(scene, "none.json", &json!({ "seed": 1 }).to_string());
+    let told = refused(&run(&["verify-receipt", &none, "--key", key], None));
+    assert!(told.contains("none.json: expected a receipt, a page of the log"), "{told}");
 }
 
 /// A file that is no archive is told as such.
@@ -226,6 +272,19 @@ fn mistakes_of_a_verifier_are_no_breaches(scene: &Scene, archive: &Value) {
     ] {
         assert_eq!(wrong.status.code(), Some(2), "{why}");
         assert!(refused(&wrong).contains(why), "{why}: {}", refused(&wrong));
+    }
+    // An epoch of another version of the rules breaks no promise; this program cannot recompute it.
+    for (member, why) in [("checks_version", "of the checks, and this program"), ("rules/protocol", "of the protocol")]
+    {
+        let mut other = archive["reveal"].clone();
+        *other.pointer_mut(&format!("/commitment/{member}")).unwrap() = json!(77);
+        let output = run(&["verify-epoch", &write("other.json", other.to_string())], None);
+        assert_eq!(output.status.code(), Some(2), "{}", refused(&output));
+        let told = refused(&output);
+        assert!(
+            told.contains(why) && told.contains("a release that has version 77") && !told.contains("BROKEN"),
+            "{told}"
+        );
     }
     // Answers that lack some are a breach, unless they were cut off: one line says both.
     let answers: Vec<String> = archive["answers"].as_array().unwrap().iter().map(Value::to_string).collect();

@@ -23,7 +23,7 @@ pub struct Witness {
 }
 
 impl Witness {
-    /// Reads the key of a witness; `None` if it is none.
+    /// Reads the key of a witness; `None` if the text is not a valid key.
     #[must_use]
     pub fn read(text: &str) -> Option<Self> {
         let text = text.trim();

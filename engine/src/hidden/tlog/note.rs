@@ -11,7 +11,7 @@ use crate::hidden::receipts::Signer;
 /// Type of Ed25519 signatures of notes.
 const ED25519: u8 = 1;
 
-/// A checkpoint: a log that has so many entries has this root.
+/// A checkpoint: the size of a log, and the root of its tree at that size.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Checkpoint {
     /// Name of the log, which is also the name of its key.
@@ -89,7 +89,7 @@ pub fn verifier_key(origin: &str, signer: &Signer) -> String {
     format!("{origin}+{id:08x}+{}", BASE64_STANDARD.encode(key))
 }
 
-/// Reads the key of a log; returns its name and the key in hexadecimal, or `None` if it is none.
+/// Reads the key of a log; returns its name and the key in hexadecimal, or `None` if the text is not a valid key.
 #[must_use]
 pub fn read_verifier_key(text: &str) -> Option<(String, String)> {
     let (name, rest) = text.trim().split_once('+')?;

@@ -3,7 +3,7 @@
 use crate::hidden::canonical::Hash;
 use crate::hidden::merkle::node;
 
-/// Returns whether a proof shows that a leaf is at a position in the tree of so many leaves with this root.
+/// Returns whether a proof shows that a leaf is at a position in the tree of `size` leaves with this root.
 #[must_use]
 pub fn is_included(leaf: &Hash, index: u64, size: u64, proof: &[Hash], root: &Hash) -> bool {
     if index >= size {

@@ -30,7 +30,7 @@ pub struct TileName {
 }
 
 impl TileName {
-    /// Reads a name, such as `0/x001/234` or `entries/000.p/17`; `None` if it is none.
+    /// Reads a name, such as `0/x001/234` or `entries/000.p/17`; `None` if the text is not a valid name.
     #[must_use]
     pub fn parse(path: &str) -> Option<Self> {
         let (level, rest) = path.split_once('/')?;
@@ -63,7 +63,7 @@ impl TileName {
         Some(Self { level, index: value, width })
     }
 
-    /// Returns the hashes of the tile as bytes; `None` if the log has not so many, or for a tile of entries.
+    /// Returns the hashes of the tile as bytes; `None` if the log has fewer, or for a tile of entries.
     #[must_use]
     pub fn hashes(&self, tree: &Tree) -> Option<Vec<u8>> {
         let level = usize::from(self.level?) * LEVELS;
@@ -71,7 +71,7 @@ impl TileName {
         Some(row.concat())
     }
 
-    /// Returns the entries of the tile, each after its length in two bytes; `None` if the log has not so many, or for a
+    /// Returns the entries of the tile, each after its length in two bytes; `None` if the log has fewer, or for a
     /// tile of hashes.
     #[must_use]
     pub fn entries(&self, entries: &[Hash]) -> Option<Vec<u8>> {
@@ -103,7 +103,7 @@ impl fmt::Display for TileName {
     }
 }
 
-/// Reads the entries of a tile; `None` if these are not so many hashes, each after its length.
+/// Reads the entries of a tile; `None` unless it holds exactly `width` hashes, each after its length.
 #[must_use]
 pub fn read_entries(tile: &[u8], width: usize) -> Option<Vec<Hash>> {
     let entry = |chunk: &[u8]| {

@@ -71,6 +71,8 @@ pub struct Verified {
     pub unchecked: Vec<String>,
     /// Claims that do not hold.
     pub breaches: Vec<Breach>,
+    /// Reason why this program cannot recompute the epoch; none of the counts says anything then.
+    pub unverifiable: Option<String>,
 }
 
 impl Verified {
@@ -115,20 +117,9 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     if kept.commitment.as_ref().is_some_and(|promised| *promised != reveal.commitment) {
         found.breach("commitment", "the revealed one is not the one that was published before the epoch opened");
     }
-    let versions = [
-        ("generator", commitment.generator_version, 1..=GENERATOR_VERSION),
-        ("checks", commitment.checks_version, CHECKS_VERSION..=CHECKS_VERSION),
-        ("protocol", commitment.protocol(), 1..=PROTOCOL),
-    ];
-    for (what, theirs, ours) in versions {
-        if !ours.contains(&theirs) {
-            let detail = format!(
-                "the epoch used version {theirs} of the {what}, this program has up to {}: verify with version {theirs}",
-                ours.end()
-            );
-            found.breach(what, detail);
-            return Ok(found);
-        }
+    if let Some(why) = foreign_version(commitment) {
+        found.unverifiable = Some(why);
+        return Ok(found);
     }
     if !(1..=MAX_PER_INSTANCE).contains(&commitment.per_instance) {
         let theirs = commitment.per_instance;
@@ -178,6 +169,24 @@ pub fn verify(reveal: &Reveal, kept: &Kept) -> Result<Verified, PoolError> {
     steps::check(reveal, commitment, kept, &issued, &mut found);
     board::check(reveal, commitment, &key, kept, &mut found);
     Ok(found)
+}
+
+/// Returns why this program cannot recompute an epoch that another version of the rules made. That breaks no promise.
+fn foreign_version(commitment: &Commitment) -> Option<String> {
+    let versions = [
+        ("generator", commitment.generator_version, 1..=GENERATOR_VERSION),
+        ("checks", commitment.checks_version, CHECKS_VERSION..=CHECKS_VERSION),
+        ("protocol", commitment.protocol(), 1..=PROTOCOL),
+    ];
+    let (what, theirs, ours) = versions.into_iter().find(|(_, theirs, ours)| !ours.contains(theirs))?;
+    let ours = if ours.start() == ours.end() {
+        format!("version {} alone", ours.end())
+    } else {
+        format!("versions {} to {}", ours.start(), ours.end())
+    };
+    Some(format!(
+        "the epoch has version {theirs} of the {what}, and this program has {ours}: verify it with a release that has version {theirs}"
+    ))
 }
 
 /// Checks that every specification follows from the key and that their root is the one in the commitment.
