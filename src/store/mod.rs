@@ -40,6 +40,7 @@ mod locks;
 pub mod members;
 mod migrations;
 pub mod moving;
+mod moving_tables;
 pub mod opened_file;
 mod order_of_steps;
 pub mod overview;
@@ -219,7 +220,7 @@ impl Store {
         Ok(Arc::clone(self.signer.get_or_init(|| signer)))
     }
 
-    /// Returns the database file as it was opened; none if there is none.
+    /// Returns the database file as it was opened; `None` if the database is not a file.
     #[must_use]
     pub fn file(&self) -> Option<&OpenedFile> {
         match &self.writer {

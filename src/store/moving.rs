@@ -7,49 +7,12 @@ use sqlx::AssertSqlSafe;
 
 use super::db::{Builder, Row, RowValues, Tx, Value, query, query_as, query_scalar};
 use super::location::{Location, Server};
+use super::moving_tables::{Kind, NUMBERED, PENDING, TABLES, columns_of, must_be_complete, number_after_rows};
 use super::serving::Serving;
 use super::{StoreError, StoreResult, postgres, schema, sqlite};
 use plumbline_engine::hidden::canonical::{Hash, unhex};
 use plumbline_engine::hidden::receipts::{FIRST_LINK, link, verify_signature};
 
-/// Table to move: its name, and the columns that order its rows. Each table comes after those that it refers to.
-const TABLES: [(&str, &str); 30] = [
-    ("suites", "id"),
-    ("tasks", "hash"),
-    ("suite_tasks", "suite_id, number"),
-    // Boards count the runs that were begun in this order.
-    ("runs", "created_at_ms, id"),
-    ("skipped_tasks", "run_id, task_number"),
-    ("embargoes", "run_id"),
-    ("epochs", "id"),
-    ("cosignatures", "witness"),
-    ("entries", "id"),
-    ("cards", "id"),
-    ("instances", "id"),
-    ("episodes", "id"),
-    ("submissions", "id"),
-    ("jobs", "submission_id"),
-    ("lanes", "name"),
-    ("reports", "submission_id, attempt"),
-    ("results", "id"),
-    ("events", "id"),
-    ("board_actions", "id"),
-    ("regrades", "id"),
-    ("regraded", "regrade_id, submission_id"),
-    ("members", "owner, name"),
-    ("keys", "id"),
-    ("webhooks", "id"),
-    ("deliveries", "id"),
-    ("idempotency", "owner, key"),
-    ("quotas", "owner"),
-    ("quota_entries", "id"),
-    ("receipts", "seq"),
-    ("agreed", "name"),
-];
-/// Table that follows the others; its rows have no order but their number, which PostgreSQL gives anew.
-const PENDING: (&str, &str) = ("pending_receipts", "hash");
-/// Tables whose rows keep the numbers that the database gave them.
-const NUMBERED: [&str; 4] = ["results", "events", "board_actions", "quota_entries"];
 /// Number of rows that one statement inserts.
 const AT_ONCE: usize = 100;
 
@@ -62,16 +25,6 @@ pub struct Moved {
     pub rows: u64,
     /// SHA-256 over the rows in order, in hex.
     pub sha256: String,
-}
-
-/// Type of a column.
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    Bool,
-    Int,
-    Float,
-    Text,
-    Bytes,
 }
 
 /// Purpose of a move.
@@ -112,6 +65,7 @@ pub async fn move_to(file: &Path, server: &Server, purpose: Purpose) -> StoreRes
     for setting in ["statement_timeout", "idle_in_transaction_session_timeout"] {
         query(AssertSqlSafe(format!("SET LOCAL {setting} = 0"))).execute(&mut tx).await?;
     }
+    must_be_complete(&mut reading, &mut tx).await?;
     query("DELETE FROM lanes").execute(&mut tx).await?;
     let mut moved = Vec::with_capacity(TABLES.len() + 1);
     for (table, order) in TABLES.into_iter().chain([PENDING]) {
@@ -129,7 +83,7 @@ pub async fn move_to(file: &Path, server: &Server, purpose: Purpose) -> StoreRes
         .execute(&mut tx)
         .await?;
     if purpose == Purpose::Move {
-        number_after_rows(&mut tx).await?;
+        number_after_rows(&mut tx, &NUMBERED).await?;
         tx.commit().await?;
     } else {
         drop(tx);
@@ -138,42 +92,6 @@ pub async fn move_to(file: &Path, server: &Server, purpose: Purpose) -> StoreRes
     source.close().await;
     target.close().await;
     Ok(moved)
-}
-
-/// Lets PostgreSQL number new rows after those that were moved. No rollback takes that back.
-async fn number_after_rows(tx: &mut Tx) -> StoreResult<()> {
-    for table in NUMBERED {
-        let next = format!(
-            "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"
-        );
-        query(AssertSqlSafe(next)).execute(&mut *tx).await?;
-    }
-    Ok(())
-}
-
-/// Returns the columns that are copied, with their types. Numbers that PostgreSQL gives by itself are left out.
-async fn columns_of(tx: &mut Tx, table: &str) -> StoreResult<Vec<(String, Kind)>> {
-    let found: Vec<(String, String)> = query_as(
-        "SELECT column_name::TEXT, data_type::TEXT FROM information_schema.columns
-         WHERE table_schema = current_schema() AND table_name = $1
-           AND (table_name, column_name) NOT IN (('runs', 'seq'), ('pending_receipts', 'id'))
-         ORDER BY ordinal_position",
-    )
-    .bind(table)
-    .fetch_all(tx)
-    .await?;
-    let kind = |(name, text): (String, String)| {
-        let kind = match text.as_str() {
-            "boolean" => Kind::Bool,
-            "bigint" => Kind::Int,
-            "double precision" => Kind::Float,
-            "text" => Kind::Text,
-            "bytea" => Kind::Bytes,
-            other => return Err(StoreError::corrupt("columns", format!("{name} is {other}"))),
-        };
-        Ok((name, kind))
-    };
-    found.into_iter().map(kind).collect()
 }
 
 fn select(table: &str, order: &str, columns: &[(String, Kind)]) -> AssertSqlSafe<String> {

@@ -16,6 +16,7 @@ use super::compression::compress;
 use super::db::{Dialect, Pool, Row, Tx, query, query_as, query_scalar};
 use super::location::Location;
 use super::locks::Lock;
+use super::moving_tables::number_after_rows;
 use super::queue::{Lane, NewJob, enter};
 use super::snapshot::{begin_snapshot, name_of, open_reading};
 use super::submissions::stored_log;
@@ -222,12 +223,7 @@ impl Store {
         enqueue_unfinished(&mut tx, lane_of).await?;
         if tx.dialect() == Dialect::Postgres {
             // Rows kept their numbers; new ones come after them.
-            for table in ["results", "board_actions", "quota_entries"] {
-                let after = format!(
-                    "SELECT setval(pg_get_serial_sequence('{table}', 'id'), COALESCE(MAX(id), 0) + 1, FALSE) FROM {table}"
-                );
-                query(AssertSqlSafe(after)).execute(&mut tx).await?;
-            }
+            number_after_rows(&mut tx, &["results", "board_actions", "quota_entries"]).await?;
         }
         commit(tx, "import").await?;
         self.refresh_catalogue().await?;
