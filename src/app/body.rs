@@ -12,12 +12,9 @@ use crate::app::limits::LIMITS;
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::{OrNull, ProfileShape, Read, Shape, Text, read_document};
 
-/// Characters in the name of a suite or the id of a run. Names that exist are shorter.
-pub const NAME_CHARS: usize = LIMITS.suite_chars;
-
-/// Returns the shape of a name.
+/// Returns the shape of the name of a suite or the id of a run. Names that exist are shorter.
 pub const fn name(faults: &mut Faults) -> Text<'_> {
-    Text { faults, min_chars: 1, max_chars: NAME_CHARS }
+    Text { faults, min_chars: 1, max_chars: LIMITS.suite_chars }
 }
 
 /// Returns the shape of the name of a profile.
@@ -26,12 +23,12 @@ pub const fn profile(faults: &mut Faults) -> ProfileShape<'_> {
 }
 
 /// Fault of a name that changes the direction of the text around it.
-pub const TURNS_TEXT: &str =
+pub const DIRECTION_FAULT: &str =
     "characters that change the direction of writing (U+202A to U+202E, U+2066 to U+2069) are not allowed";
 
 /// Returns whether a name would change the direction of the text around it, so that it could look like another.
 #[must_use]
-pub fn turns_text(name: &str) -> bool {
+pub fn changes_direction(name: &str) -> bool {
     name.contains(|c| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
 }
 
@@ -41,7 +38,7 @@ pub fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
         "" => Err("expected a name that does not only consist of spaces".to_owned()),
         // In the address of a page, these lead elsewhere.
         "." | ".." => Err("expected a name other than . and ..".to_owned()),
-        _ if turns_text(name) => Err(TURNS_TEXT.to_owned()),
+        _ if changes_direction(name) => Err(DIRECTION_FAULT.to_owned()),
         _ => Ok(name.to_owned()),
     };
     Parsed { text: Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars }, parse }

@@ -5,8 +5,6 @@
 use utoipa::openapi::path::Parameter;
 use utoipa::openapi::{Components, RefOr, Schema};
 
-use crate::app::boards::actions::REASON_CHARS;
-use crate::app::body::NAME_CHARS;
 use crate::app::limits::LIMITS;
 use plumbline_engine::intake::MAX_FILES;
 
@@ -28,11 +26,11 @@ enum Bound {
 use Bound::{Chars, Max, MaxChars, MaxItems, Range};
 
 /// Bounds of the members of bodies, by schema and member.
-const BOUNDS: [(&str, &str, Bound); 23] = [
+const BOUNDS: [(&str, &str, Bound); 26] = [
     ("InlineTask", "turns", MaxItems(LIMITS.turns)),
     ("InlineTurn", "checks", MaxItems(LIMITS.grade_inline_checks)),
     ("NewAnswerBody", "turns", MaxItems(LIMITS.turns)),
-    ("NewBoardAction", "reason", MaxChars(REASON_CHARS)),
+    ("NewBoardAction", "reason", MaxChars(LIMITS.reason_chars)),
     ("NewDraw", "nonce", Chars(LIMITS.nonce_min_chars, LIMITS.nonce_max_chars)),
     ("NewEntryBody", "agent", MaxChars(LIMITS.agent_chars)),
     ("NewEntryBody", "runs", Max(LIMITS.entry_runs as u64)),
@@ -41,14 +39,17 @@ const BOUNDS: [(&str, &str, Bound); 23] = [
     ("NewEvent", "y", Range(LIMITS.min_y, LIMITS.max_y)),
     ("NewEvent", "z", Range(-LIMITS.horizontal, LIMITS.horizontal)),
     ("NewGrade", "deadline_ms", Max(LIMITS.grade_max_deadline_ms)),
-    ("NewGrade", "suite", MaxChars(NAME_CHARS)),
+    ("NewGrade", "suite", MaxChars(LIMITS.suite_chars)),
     ("NewGrade", "turns", MaxItems(LIMITS.turns)),
+    ("NewKey", "expires_days", Max(LIMITS.key_days.unsigned_abs())),
     ("NewRunBody", "agent", MaxChars(LIMITS.agent_chars)),
-    ("NewRunBody", "suite", MaxChars(NAME_CHARS)),
-    ("NewSubmissionBody", "suite", MaxChars(NAME_CHARS)),
+    ("NewRunBody", "suite", MaxChars(LIMITS.suite_chars)),
+    ("NewSubmissionBody", "suite", MaxChars(LIMITS.suite_chars)),
     ("NewSubmissionBody", "turns", MaxItems(LIMITS.turns)),
     ("NewTurn", "events", MaxItems(LIMITS.events)),
     ("NewTurn", "rows", MaxItems(LIMITS.events)),
+    ("NewWebhook", "url", MaxChars(LIMITS.webhook_url_chars)),
+    ("NewWithdrawal", "reason", MaxChars(LIMITS.reason_chars)),
     ("RewardQuery", "labels", MaxItems(LIMITS.grade_batch_logs)),
     ("RewardQuery", "prompts", MaxItems(LIMITS.grade_batch_logs)),
     ("RewardQuery", "query", MaxItems(LIMITS.grade_batch_logs)),

@@ -4,13 +4,11 @@ use serde_json::Value;
 
 use crate::app::body::values::{Json, Parsed};
 use crate::app::body::{name, request_body};
+use crate::app::limits::LIMITS;
 use crate::store::keys::{Role, Scope};
 use plumbline_engine::intake::Faults;
 use plumbline_engine::intake::tolerant::Integer;
 use plumbline_engine::text::did_you_mean;
-
-/// Greatest lifetime of a key, in days.
-pub const MAX_DAYS: i64 = 36_500;
 
 request_body! {
     /// Role of a member.
@@ -35,7 +33,7 @@ request_body! {
         scopes: Vec<Scope> = optional(|faults| Json { faults, read: read_scopes }),
         /// Lifetime of the key in days; by default, and at most, that of the key of the request.
         #[schema(value_type = Option<i64>, minimum = 1)]
-        expires_days: i64 = optional(|faults| Integer { faults, min: 1, max: MAX_DAYS }),
+        expires_days: i64 = optional(|faults| Integer { faults, min: 1, max: LIMITS.key_days }),
     }
     unknown: |_| "unknown field; a key has scopes and expires_days"
 }

@@ -3,16 +3,13 @@
 use super::body::{NewKeyBody, NewMemberBody};
 use crate::app::App;
 use crate::app::access::{Caller, unauthorized};
-use crate::app::body::{TURNS_TEXT, turns_text};
+use crate::app::body::{DIRECTION_FAULT, changes_direction};
 use crate::app::error::{AppError, AppResult, Kind};
 use crate::app::limits::LIMITS;
 use crate::clock::{DAY_MS, now_ms};
 use crate::store::keys::{Holder, KeyCreated, KeyRow, LIVE_KEYS, Scope, parts};
 use crate::store::members::{MemberPut, MemberRow};
 use plumbline_engine::intake::Faults;
-
-/// Maximum length of the name of a member or an owner, in characters.
-const NAME_CHARS: usize = 100;
 
 /// An owner with its members and all keys that are live.
 #[derive(Debug)]
@@ -39,11 +36,11 @@ pub struct CreatedKey {
 /// # Errors
 /// Returns the fault of the name.
 pub fn check_name(name: &str) -> Result<(), String> {
-    if name.trim().is_empty() || name.chars().count() > NAME_CHARS {
-        return Err(format!("expected 1 to {NAME_CHARS} characters"));
+    if name.trim().is_empty() || name.chars().count() > LIMITS.owner_chars {
+        return Err(format!("expected 1 to {} characters", LIMITS.owner_chars));
     }
-    if turns_text(name) {
-        return Err(TURNS_TEXT.to_owned());
+    if changes_direction(name) {
+        return Err(DIRECTION_FAULT.to_owned());
     }
     // A path with such a segment is shortened on its way.
     if name == "." || name == ".." {

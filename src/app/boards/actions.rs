@@ -4,17 +4,18 @@ use serde::Deserialize;
 
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::body::turns_text;
+use crate::app::body::changes_direction;
 use crate::app::error::{AppError, AppResult};
+use crate::app::limits::LIMITS;
 use crate::clock::now_ms;
 use crate::store::board_actions::{Acted, ActionKind, NewAction};
 use crate::store::keys::Scope;
 use plumbline_engine::intake::Faults;
 
-/// Maximum length of a reason, in characters.
-pub const REASON_CHARS: usize = 500;
-/// What is asked of a reason.
+/// What is asked of a reason, which has at most `LIMITS.reason_chars`.
 pub const REASON_WANTED: &str = "expected 1 to 500 characters, no control characters but line breaks and tabs, and none that change the direction of writing";
+
+const _: () = assert!(LIMITS.reason_chars == 500, "REASON_WANTED names the number");
 
 /// Action that a request may ask for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
@@ -105,6 +106,6 @@ pub fn past(action: &str) -> &str {
 pub fn trimmed(reason: &str) -> Option<String> {
     let reason = reason.trim();
     let is_plain =
-        !turns_text(reason) && !reason.contains(|c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t'));
-    (is_plain && (1..=REASON_CHARS).contains(&reason.chars().count())).then(|| reason.to_owned())
+        !changes_direction(reason) && !reason.contains(|c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t'));
+    (is_plain && (1..=LIMITS.reason_chars).contains(&reason.chars().count())).then(|| reason.to_owned())
 }

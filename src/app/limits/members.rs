@@ -66,6 +66,12 @@ pub struct Limits {
     pub min_y: i32,
     /// Greatest y.
     pub max_y: i32,
+    /// Characters in the name of an owner or of a member.
+    pub owner_chars: usize,
+    /// Days that a key may be valid.
+    pub key_days: i64,
+    /// Characters in the reason for an action on a board's row.
+    pub reason_chars: usize,
     /// Characters in an agent's name.
     pub agent_chars: usize,
     /// Bytes of a run's metadata as JSON.

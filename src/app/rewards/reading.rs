@@ -4,7 +4,7 @@
 use super::request::{DEADLINES, GradeRequest, NewGrade, detail_named};
 use super::scheme::scheme_named;
 use super::task_member::NamedTask;
-use crate::app::body::{NAME_CHARS, read_body};
+use crate::app::body::read_body;
 use crate::app::limits::LIMITS;
 use crate::app::task_ref::{TASK_CHARS, TaskRef};
 use plumbline_engine::intake::Faults;
@@ -48,7 +48,7 @@ pub fn quick_request(text: &[u8]) -> Option<NewGrade> {
                 };
                 body.task = Some(NamedTask::Listed(task));
             }
-            b"suite" if body.suite.is_none() => body.suite = Some(short(scanner, NAME_CHARS)?),
+            b"suite" if body.suite.is_none() => body.suite = Some(short(scanner, LIMITS.suite_chars)?),
             b"profile" if body.profile.is_none() => body.profile = Some(Profile::named(scanner.text()?)?),
             b"turns" if body.turns.is_none() => body.turns = Some(scanner.turns(LIMITS.log())?.into()),
             b"reward" if body.reward.is_none() => body.reward = Some(scheme_named(scanner.text()?)?),

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::app::App;
 use crate::app::access::Caller;
-use crate::app::body::{TURNS_TEXT, turns_text};
+use crate::app::body::{DIRECTION_FAULT, changes_direction};
 use crate::app::error::AppResult;
 use crate::app::limits::LIMITS;
 use crate::clock::{DAY_MS, day_ms, milliseconds, now_ms};
@@ -47,8 +47,8 @@ pub fn read_embargo(value: &Value, faults: &mut Faults) -> Option<NewEmbargo> {
     };
     let (alias, until) = (text("alias"), text("until"));
     let alias = alias.and_then(|alias| match alias.trim() {
-        trimmed if turns_text(trimmed) => {
-            faults.add_at("alias", TURNS_TEXT);
+        trimmed if changes_direction(trimmed) => {
+            faults.add_at("alias", DIRECTION_FAULT);
             None
         }
         trimmed if trimmed.contains(char::is_control) => {
