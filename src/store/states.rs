@@ -47,7 +47,8 @@ pub enum SubmissionState {
 }
 
 impl SubmissionState {
-    const ALL: [Self; 6] =
+    /// All states.
+    pub const ALL: [Self; 6] =
         [Self::Queued, Self::Grading, Self::Graded, Self::Rejected, Self::GraderError, Self::Cancelled];
 
     /// Returns the name of the state in the API and the database.
@@ -85,7 +86,8 @@ pub enum RunState {
 }
 
 impl RunState {
-    const ALL: [Self; 4] = [Self::Open, Self::Finishing, Self::Finished, Self::Deleted];
+    /// All states.
+    pub const ALL: [Self; 4] = [Self::Open, Self::Finishing, Self::Finished, Self::Deleted];
 
     /// Returns the name of the state in the API and the database.
     #[must_use]

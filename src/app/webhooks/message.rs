@@ -133,6 +133,7 @@ fn signature(secret: &str, id: &str, seconds: i64, body: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::states::{RunState, SubmissionState};
 
     /// The vector of the reference implementations of Standard Webhooks.
     #[test]
@@ -147,6 +148,17 @@ mod tests {
         for event in WebhookEvent::ALL {
             assert_eq!(serde_json::to_value(event).unwrap(), event.name());
         }
+    }
+
+    #[test]
+    fn a_webhook_may_choose_every_end_of_a_submission_or_a_run() {
+        let goes_on = |state: &SubmissionState| matches!(state, SubmissionState::Queued | SubmissionState::Grading);
+        let submissions = SubmissionState::ALL.into_iter().filter(|state| !goes_on(state));
+        let runs = RunState::ALL.into_iter().filter(|state| !matches!(state, RunState::Open | RunState::Finishing));
+        let ends = submissions
+            .map(|state| format!("submission.{}", state.name()))
+            .chain(runs.map(|state| format!("run.{}", state.name())));
+        assert_eq!(ends.collect::<Vec<_>>(), WebhookEvent::ALL.map(WebhookEvent::name));
     }
 
     #[test]
