@@ -3,8 +3,11 @@
 use std::process::Command;
 
 use super::driver::Browser;
+use crate::support::commands::{plumbline, succeeded};
 use crate::support::epoch::Scene;
-use crate::support::repository;
+use crate::support::pages::must_be_asked_for;
+use crate::support::{Service, repository};
+use fantoccini::Locator;
 use serde_json::{Value, json};
 
 /// Version of axe-core, from npm.
@@ -32,6 +35,8 @@ async fn pages_have_no_faults_that_axe_finds() {
     let mut scene = Scene::new(&[]);
     let key = scene.key("lab");
     scene.service.use_key(Some(&key));
+    let made = plumbline(&["keys", "create", "--name", "operator", "--scopes", "admin"], &scene.file("p.db"));
+    let admin = succeeded(&made);
     let service = &scene.service;
     let good = service.finished_run("steady", 0).await;
     let bad = service.finished_run("hasty", 20).await;
@@ -52,6 +57,7 @@ async fn pages_have_no_faults_that_axe_finds() {
         format!("/submissions/{first}"),
         format!("/submissions/{last}"),
         format!("/compare?a={first}&b={last}"),
+        format!("/submissions/{last}/evidence.html"),
         "/suites/mineceraft-lite/tasks".to_owned(),
         format!("/suites/mineceraft-lite/tasks/{number}"),
         "/epochs".to_owned(),
@@ -68,14 +74,25 @@ async fn pages_have_no_faults_that_axe_finds() {
         "/boards/mineceraft-lite?nosuch=1".to_owned(),
         "/about".to_owned(),
     ];
+    let is_page = |route: &str| !route.contains('.') || route.ends_with(".html");
+    // A problem of a run leads to the page of its answer.
+    must_be_asked_for(&pages, |route| {
+        is_page(route) && !route.ends_with("/{file}") && route != "/runs/{id}/tasks/{number}"
+    });
+    let signed_in = ["/moderation".to_owned()];
     let (axe, browser) = (axe(), Browser::open().await);
     let examine = "const done = arguments[arguments.length - 1]; document.querySelectorAll('details').forEach(d => { d.open = true; }); \
                    axe.run(document, arguments[0]).then(found => done(found.violations.map(v => \
                    [v.id, v.help, v.nodes.slice(0, 3).map(n => n.target.join(' '))])))";
     let mut faults = Vec::new();
-    for (width, height) in [(1280, 900), (390, 844)] {
+    let sizes = [(1280, 900), (390, 844)];
+    let rounds = sizes.map(|size| (size, &pages[..])).into_iter().chain(sizes.map(|size| (size, &signed_in[..])));
+    for (round, ((width, height), pages)) in rounds.enumerate() {
         browser.page.set_window_size(width, height).await.unwrap();
-        for page in &pages {
+        if round == sizes.len() {
+            sign_in(&browser, service, &admin).await;
+        }
+        for page in pages {
             browser.page.goto(&format!("{}{page}", service.url)).await.unwrap();
             browser.run(&axe).await;
             for (theme, colours) in [("light", "none"), ("dark", "none"), ("dark", "active")] {
@@ -101,4 +118,12 @@ async fn pages_have_no_faults_that_axe_finds() {
     }
     assert!(faults.is_empty(), "{faults:#?}");
     browser.page.close_window().await.unwrap();
+}
+
+/// Signs an operator in, so that the page of moderation shows its tables.
+async fn sign_in(browser: &Browser, service: &Service, key: &str) {
+    browser.page.goto(&format!("{}/moderation", service.url)).await.unwrap();
+    browser.page.find(Locator::Css("main [name=key]")).await.unwrap().send_keys(key).await.unwrap();
+    browser.click("main form button").await;
+    browser.wait("return document.querySelectorAll('main table').length > 0", |has_tables| *has_tables == true).await;
 }

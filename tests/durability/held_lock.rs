@@ -8,6 +8,7 @@ use sqlx::ConnectOptions as _;
 
 use crate::support::commands::{plumbline, succeeded};
 use crate::support::epoch::{Scene, id};
+use crate::support::pages::must_be_asked_for;
 
 /// How long the lock is held.
 const HELD: Duration = Duration::from_secs(20);
@@ -84,7 +85,32 @@ async fn reads_never_wait_for_the_writer() {
         format!("/submissions/{}/view.svg", id(&submission)),
         format!("/submissions/{}/thumbnail.png", id(&submission)),
         "/suites/mineceraft/tasks/113/thumbnail.png".to_owned(),
+        "/suites/mineceraft/tasks/113/preview.png".to_owned(),
+        "/suites/mineceraft/tasks/113/view.svg".to_owned(),
+        "/suites/mineceraft/tasks/113/reference.json".to_owned(),
+        "/suites/mineceraft/tasks/113".to_owned(),
+        "/about".to_owned(),
+        "/boards/mineceraft/charts".to_owned(),
+        "/boards/mineceraft/charts/intervals.svg".to_owned(),
+        "/boards/mineceraft/log".to_owned(),
+        format!("/boards/mineceraft/compare?a={0}&b={0}", id(&run)),
+        format!("/boards/mineceraft/compare.svg?a={0}&b={0}", id(&run)),
+        format!("/boards/mineceraft/compare.csv?a={0}&b={0}", id(&run)),
+        format!("/runs/{}/tasks/113", id(&run)),
+        format!("/runs/{}/tasks/113/thumbnail.png", id(&run)),
+        format!("/runs/{}/tasks/113/preview.png", id(&run)),
+        format!("/submissions/{}/preview.png", id(&submission)),
+        format!("/submissions/{}/evidence.html", id(&submission)),
+        format!("/compare?a={0}&b={0}", id(&submission)),
+        "/agents/a".to_owned(),
+        "/search?text=a".to_owned(),
+        "/moderation".to_owned(),
+        "/docs/".to_owned(),
+        "/log/checkpoint".to_owned(),
+        "/log/key".to_owned(),
+        "/log/witnesses".to_owned(),
     ];
+    must_be_asked_for(&pages, |_| true);
     let gets = document["paths"].as_object().unwrap().iter().filter(|(_, item)| item["get"].is_object());
     let paths: Vec<String> = gets.map(|(path, _)| filled(path, &ids)).chain(pages).collect();
     while held.elapsed() < HELD {

@@ -11,6 +11,7 @@ pub mod endpoint;
 pub mod epoch;
 pub mod line;
 pub mod nodes;
+pub mod pages;
 pub mod place;
 pub mod tampering;
 
