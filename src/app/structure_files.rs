@@ -16,7 +16,7 @@ use crate::formats::{self, Build, FileFormat};
 use plumbline_engine::checks::Dimension;
 use plumbline_engine::game::{Look, Side};
 use plumbline_engine::intake::Faults;
-use plumbline_engine::intake::code::{SentLog, TurnFile};
+use plumbline_engine::intake::code::{SentLog, TurnStructure};
 use plumbline_engine::tasks::Task;
 use plumbline_engine::text::counted;
 use plumbline_engine::voxel::blocks::is_bed;
@@ -39,7 +39,7 @@ pub async fn open_files(
     budget: &mut EventBudget,
     faults: &mut Faults,
 ) -> AppResult<()> {
-    let files = std::mem::take(&mut sent.files);
+    let files = std::mem::take(&mut sent.structures);
     let first_code = sent.codes.first().map(|code| code.turn);
     // What stands after the file of the turn before.
     let mut standing: Option<(usize, Structure)> = None;
@@ -105,7 +105,7 @@ impl Fault {
 }
 
 /// Adds the events by which what stood before a file's turn becomes what the file holds, and returns the latter.
-fn open_file(log: &mut BlockLog, file: &TurnFile, before: Option<Structure>) -> Result<Structure, Fault> {
+fn open_file(log: &mut BlockLog, file: &TurnStructure, before: Option<Structure>) -> Result<Structure, Fault> {
     let after = structure_of(&file.base64, file.corner, log.profile)?;
     let stood = || file.turn.checked_sub(1).and_then(|last| Replay::new(log).nth(last));
     let before = before.or_else(stood).unwrap_or_else(|| Structure::from_named([]));

@@ -51,7 +51,7 @@ async fn a_missing_or_ill_fitting_log_is_refused_and_an_empty_turn_is_not() {
     let (service, path) = (&service, "/v1/submissions");
     let post = async |turns: serde_json::Value| service.post_json(path, &json!({ "task": 1, "turns": turns })).await;
     assert_eq!(post(json!([])).await.faults(422), ["null /turns"]);
-    assert_eq!(post(json!([{}])).await.faults(422), ["null /turns/0/events"]);
+    assert_eq!(post(json!([{}])).await.faults(422), ["null /turns/0"]);
     assert_eq!(post(json!([{ "events": [] }, { "events": [] }])).await.faults(422), ["null /turns"]);
     assert_eq!(post(json!([{ "events": [] }])).await.status, 202);
     assert_eq!(service.post_json(path, &json!({})).await.faults(422), ["null /task", "null /turns"]);

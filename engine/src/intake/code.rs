@@ -17,12 +17,12 @@ pub struct SentLog {
     /// Code of the turns that have code, in turn order.
     pub codes: Vec<TurnCode>,
     /// Structure files of the turns that are empty until the files are read, in turn order.
-    pub files: Vec<TurnFile>,
+    pub structures: Vec<TurnStructure>,
 }
 
 /// A turn as a structure file: what stands after the turn.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TurnFile {
+pub struct TurnStructure {
     /// Index of the turn in the log, from 0.
     pub turn: usize,
     /// The file, in base64.
@@ -44,14 +44,14 @@ impl SentLog {
     /// Creates a log of one turn that consists of code.
     #[must_use]
     pub fn of_code(code: String) -> Self {
-        Self::of_files(vec![code])
+        Self::of_code_files(vec![code])
     }
 
     /// Creates a log of one turn that consists of files of code.
     #[must_use]
-    pub fn of_files(files: Vec<String>) -> Self {
+    pub fn of_code_files(files: Vec<String>) -> Self {
         let log = BlockLog { turns: vec![Vec::new()], ..BlockLog::default() };
-        Self { log, codes: vec![TurnCode { turn: 0, files }], files: Vec::new() }
+        Self { log, codes: vec![TurnCode { turn: 0, files }], structures: Vec::new() }
     }
 }
 
@@ -81,14 +81,14 @@ impl SentLog {
         }
         let codes = other.codes.iter().map(|code| TurnCode { turn: turns + code.turn, files: code.files.clone() });
         self.codes.extend(codes);
-        let files = other.files.iter().cloned().map(|file| TurnFile { turn: turns + file.turn, ..file });
-        self.files.extend(files);
+        let structures = other.structures.iter().cloned().map(|own| TurnStructure { turn: turns + own.turn, ..own });
+        self.structures.extend(structures);
     }
 }
 
 impl From<BlockLog> for SentLog {
     fn from(log: BlockLog) -> Self {
-        Self { log, codes: Vec::new(), files: Vec::new() }
+        Self { log, codes: Vec::new(), structures: Vec::new() }
     }
 }
 

@@ -67,7 +67,7 @@ pub mod tolerant;
 
 pub use faults::{Fault, Faults};
 
-use code::{SentLog, TurnCode, TurnFile};
+use code::{SentLog, TurnCode, TurnStructure};
 use events::{EventsShape, read_events};
 use file::CornerShape;
 use quick::Row;
@@ -126,7 +126,7 @@ impl<'de> Shape<'de> for Turns<'_> {
         Ok(Some(SentLog {
             log: BlockLog { palette: reader.palette, turns, ..BlockLog::default() },
             codes: reader.codes,
-            files: reader.files,
+            structures: reader.structures,
         }))
     }
 }
@@ -164,6 +164,8 @@ impl<'de> Shape<'de> for TurnEvents<'_> {
 pub const MAX_FILES: usize = 64;
 
 const UNKNOWN: &str = "unknown field; a turn has events, or palette and rows, or action_code, or structure";
+const NONE_OF: &str =
+    "events, rows, action_code and structure are missing or null; write an empty turn as {\"events\": []}";
 const ONE_OF: &str = "give either events, or palette and rows, or action_code, or structure";
 
 struct TurnShape<'r, 'f> {
@@ -224,7 +226,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 return Ok(None);
             }
             let corner = corner.flatten();
-            reader.files.extend(structure.map(|base64| TurnFile { turn, base64, corner }));
+            reader.structures.extend(structure.map(|base64| TurnStructure { turn, base64, corner }));
             return Ok(Some(Turn::new()));
         }
         if corner.is_some() {
@@ -259,7 +261,7 @@ impl<'de> Shape<'de> for TurnShape<'_, '_> {
                 None
             }
             (None, None, None) => {
-                reader.faults.add_at("events", "missing; write an empty turn as {\"events\": []}");
+                reader.faults.add(NONE_OF);
                 None
             }
             (Some(_), _, _) => {
@@ -301,8 +303,8 @@ pub fn read_turns(text: &[u8], limits: LogLimits, faults: &mut Faults) -> Result
     let mut deserializer = serde_json::Deserializer::from_slice(text);
     let sent = Read(Turns { faults, limits }).deserialize(&mut deserializer)?;
     deserializer.end()?;
-    let Some(SentLog { log, codes, files }) = sent else { return Ok(None) };
-    if !files.is_empty() {
+    let Some(SentLog { log, codes, structures }) = sent else { return Ok(None) };
+    if !structures.is_empty() {
         faults.add("structure files are not supported here");
     }
     if !codes.is_empty() {
@@ -339,7 +341,7 @@ mod tests {
     fn every_fault_is_told_with_its_place() {
         let faults = faults_of(
             r#"[{"events":[{"action":"paint","x":1.5,"y":9999,"material":7,"colour":"red"}, 3]},
-                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}]"#,
+                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}, {"action_code": null}]"#,
         );
         assert_eq!(
             faults,
@@ -355,6 +357,7 @@ mod tests {
                 "/1/rows/2/2: expected an integer, found \"a\"",
                 "/1/extra: unknown field; a turn has events, or palette and rows, or action_code, or structure",
                 "/1/rows/0/3: 1 is not an index of the palette, which has 1 entry",
+                "/2: events, rows, action_code and structure are missing or null; write an empty turn as {\"events\": []}",
             ]
         );
     }

@@ -1,7 +1,7 @@
 //! The state while one log is read: what it has so far, and its limits.
 
 use super::LogLimits;
-use super::code::{TurnCode, TurnFile};
+use super::code::{TurnCode, TurnStructure};
 use super::faults::Faults;
 use crate::voxel::palette::{MaterialId, Palette};
 
@@ -10,14 +10,14 @@ pub(super) struct Reader<'f> {
     pub(super) faults: &'f mut Faults,
     pub(super) limits: LogLimits,
     pub(super) codes: Vec<TurnCode>,
-    pub(super) files: Vec<TurnFile>,
+    pub(super) structures: Vec<TurnStructure>,
     pub(super) palette: Palette,
     pub(super) events: usize,
 }
 
 impl<'f> Reader<'f> {
     pub(super) fn new(faults: &'f mut Faults, limits: LogLimits) -> Self {
-        Self { faults, limits, codes: Vec::new(), files: Vec::new(), palette: Palette::new(), events: 0 }
+        Self { faults, limits, codes: Vec::new(), structures: Vec::new(), palette: Palette::new(), events: 0 }
     }
 
     /// Returns how many more events the log may have.

@@ -169,7 +169,7 @@ pub async fn answer_replayed(
     let rules = stored_epoch(app, &instance.epoch_id).await?.commitment.rules;
     sent.choose_profile(profile, rules.map(|rules| rules.profile));
     let mut faults = Faults::new();
-    if !sent.files.is_empty() {
+    if !sent.structures.is_empty() {
         // Whether the task checks the order is not told before the epoch ends.
         faults.add_at(
             "turns",

@@ -171,7 +171,7 @@ impl Found {
     /// Returns whether its log is not complete yet: it has action code to run, or structure files to read.
     #[must_use]
     pub fn is_incomplete(&self) -> bool {
-        self.has_code() || !self.sent.files.is_empty()
+        self.has_code() || !self.sent.structures.is_empty()
     }
 
     fn has_code(&self) -> bool {
@@ -184,7 +184,7 @@ impl Found {
     /// Returns the same errors as [`ReadRequest::prepare_in_turn`].
     pub async fn prepare(mut self, app: &App, who: &Arc<str>) -> AppResult<Prepared> {
         let (mut faults, mut replays) = (Faults::new(), Vec::new());
-        if !self.sent.files.is_empty() {
+        if !self.sent.structures.is_empty() {
             (self.given, self.not_measured) = self.given.without_order()?;
             if self.given.task()?.0.checks().next().is_none() {
                 faults.add_at("turns", ORDER_IS_CHECKED);

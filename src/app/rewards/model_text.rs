@@ -139,7 +139,7 @@ fn one_for_each(read: &[(usize, Result<FoundAnswer, String>)]) -> Result<(SentLo
 
 /// Refuses structure files: they would let the model choose that its order is not checked.
 fn refuse_files(found: &[(usize, &FoundAnswer)]) -> Result<(), String> {
-    if found.iter().any(|(_, answer)| !answer.sent.files.is_empty()) {
+    if found.iter().any(|(_, answer)| !answer.sent.structures.is_empty()) {
         return Err("a model's answer takes no structure files; expected events, rows or action code".to_owned());
     }
     Ok(())

@@ -146,7 +146,7 @@ async fn check(
         for (submission, found) in submissions.iter_mut().zip(&found) {
             submission.choose_profile(found.as_ref().map(|(entry, _)| entry.suite.profile()));
             let task = found.as_ref().and_then(|(entry, number)| entry.task_numbered(*number));
-            if !submission.sent.files.is_empty() && task.is_some_and(|(task, _)| checks_order(task)) {
+            if !submission.sent.structures.is_empty() && task.is_some_and(|(task, _)| checks_order(task)) {
                 if let Some(line) = submission.line {
                     faults.enter_line(line);
                 }

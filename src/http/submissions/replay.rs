@@ -99,7 +99,7 @@ pub async fn replay_action_code(
         return Err(AppError::faulty(faults));
     };
     let profile = profile.unwrap_or_default();
-    let mut sent = turns.unwrap_or_else(|| SentLog::of_files(action_code.unwrap_or_default()));
+    let mut sent = turns.unwrap_or_else(|| SentLog::of_code_files(action_code.unwrap_or_default()));
     sent.log.profile = profile;
     open_files(&state, caller.who(), &mut sent, &mut EventBudget::whole(&state.limits), &mut faults).await?;
     if !faults.is_empty() {

@@ -27,6 +27,6 @@ pub fn run(data: &[u8]) {
 }
 
 fn told(one: &PostedSubmission) -> String {
-    let sent = (one.sent.log.canonical_json(), &one.sent.codes, &one.sent.files);
+    let sent = (one.sent.log.canonical_json(), &one.sent.codes, &one.sent.structures);
     format!("{:?}", (&one.run, &one.suite, &one.task, &one.profile, sent))
 }
