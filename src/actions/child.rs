@@ -23,7 +23,7 @@ use plumbline_engine::intake::code::without_fences;
 pub const COMMAND: &str = "run-action-code";
 /// Byte that asks for a process for a script. What follows it is read by that process.
 pub const WANTED: u8 = b'r';
-/// Number of bytes that begin an order, and the answer to it: an answer to another order is none to this one.
+/// Number of bytes that begin an order, and the answer to it: an answer that begins with other bytes is ignored.
 pub const TAG_BYTES: usize = 16;
 
 /// Runs scripts, each in a process of its own, until standard input ends. Each is asked for by [`WANTED`], followed by a

@@ -127,9 +127,9 @@ impl Pool {
     async fn run_job(&self, job: &Job, who: &Arc<str>, left: &mut Option<Duration>) -> anyhow::Result<Answer> {
         let all = self.inner.limits;
         let first = ActionLimits { cpu_ms: FIRST_MS.min(all.cpu_ms), wall_ms: FIRST_WALL_MS.min(all.wall_ms), ..all };
-        let turn = self.inner.first.take(who).await;
+        let slot = self.inner.first.take(who).await;
         let done = self.run_timed(job, &first, left).await?;
-        drop(turn);
+        drop(slot);
         match done {
             Some(done) if done.stopped().is_none_or(|stopped| stopped.limit != "time") => return Ok(done),
             _ => {}

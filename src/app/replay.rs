@@ -85,7 +85,7 @@ pub async fn replay(app: &App, who: &Arc<str>, job: &Job) -> AppResult<Answer> {
     Ok(answer)
 }
 
-/// Adds a fault for code that is too long. What a model only thought is none of it, but takes room as well.
+/// Adds a fault for code that is too long. What a model only thought is not code, but counts towards the size of the text.
 fn add_too_long(files: &[String], app: &App, faults: &mut Faults) -> bool {
     let limits = &app.limits;
     let bytes: usize = files.iter().map(String::len).sum();

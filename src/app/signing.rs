@@ -110,7 +110,7 @@ pub async fn signing(store: &Store, replaces: bool, others: Others) -> anyhow::R
     Ok(Signing { signer: Some(signer), public_key, notice })
 }
 
-/// Returns the public key in the folder of secrets; none if there is none.
+/// Returns the public key in the folder of secrets; `None` if it has no key.
 fn own_key(store: &Store) -> anyhow::Result<Option<String>> {
     let has_key = store.secrets().has_signer()?;
     let key =

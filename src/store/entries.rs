@@ -45,7 +45,7 @@ pub struct BoardOutcome {
     pub family: String,
     /// Number of its run within the entry, from 1.
     pub run: i64,
-    /// Its leaf.
+    /// Index of its specification in the pool, from 0; siblings follow the pool.
     pub leaf: i64,
     /// Whether the answer passes.
     pub passes: bool,
@@ -111,7 +111,7 @@ pub struct InstanceOutcome {
     pub instance: String,
     /// Salt of the instance.
     pub salt: String,
-    /// Its leaf.
+    /// Index of its specification in the pool, from 0; siblings follow the pool.
     pub leaf: i64,
     /// Scores of the checks; none without a graded answer.
     pub scores: Option<ProblemScores>,

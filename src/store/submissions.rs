@@ -63,7 +63,7 @@ pub struct NewSubmission {
     pub run_id: Option<String>,
     /// `name@version` of the task's suite.
     pub suite_id: String,
-    /// Hash of the task.
+    /// SHA-256 of the task's canonical JSON, in hex.
     pub task_hash: String,
     /// Number of the task in the suite.
     pub task_number: u32,
@@ -94,7 +94,7 @@ pub struct SubmissionRow {
     pub run_id: Option<String>,
     /// `name@version` of the task's suite.
     pub suite_id: String,
-    /// Hash of the task.
+    /// SHA-256 of the task's canonical JSON, in hex.
     pub task_hash: String,
     /// Number of the task in the suite.
     pub task_number: u32,

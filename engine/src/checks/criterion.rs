@@ -18,7 +18,7 @@ pub enum Criterion {
     StructuralStability,
     /// Planning: how little the builder moved between blocks.
     Efficiency,
-    /// Planning: whether each part was built after the parts that carry it.
+    /// Planning: whether the parts were built in the order that the task asks for.
     Dependency,
 }
 

@@ -34,7 +34,7 @@ pub struct Finding {
     pub measured: Value,
     /// Value that the check requires, as `{relation: value}`, such as `{"==": 49}`.
     pub required: Value,
-    /// Measured and required value in one sentence.
+    /// What was measured and what is required, as `measured; required …`. Pages show the part before `; required` alone.
     pub summary: String,
     /// Cells that show why the check scored as it did; at most [`MAX_WITNESSES`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

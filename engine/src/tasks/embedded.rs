@@ -42,32 +42,33 @@ struct FirstFiles;
 #[folder = "../tasks/mineceraft-3/"]
 struct ThirdFiles;
 
-/// Version 4 and later ones.
+/// Version 4.
 #[derive(RustEmbed)]
 #[folder = "../tasks/mineceraft-4/"]
-struct LaterFiles;
+struct FourthFiles;
 
 /// Reads the embedded files of all versions of the full suite, the oldest first.
 ///
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn sources() -> Result<[SuiteSource; 3], Vec<TaskFileFault>> {
-    Ok([read_source::<FirstFiles>()?, read_source::<ThirdFiles>()?, read_source::<LaterFiles>()?])
+    Ok([read_source::<FirstFiles>()?, read_source::<ThirdFiles>()?, read_source::<FourthFiles>()?])
 }
 
-/// Reads the embedded files that have this version of the full suite.
+/// Reads the embedded files that have this version of the full suite. For an unknown version, reads the latest files, whose
+/// [`SuiteSource::suite`] returns the fault.
 ///
 /// # Errors
 /// Returns the faults of the files; a test shows that there are none.
 pub fn source_of(version: u32) -> Result<SuiteSource, Vec<TaskFileFault>> {
-    let [first, third, later] = sources()?;
+    let [first, third, fourth] = sources()?;
     let has = |source: &SuiteSource| source.versions.iter().any(|known| known.number == version);
     Ok(if has(&first) {
         first
     } else if has(&third) {
         third
     } else {
-        later
+        fourth
     })
 }
 

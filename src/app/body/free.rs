@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 
 use crate::app::limits::LIMITS;
 
-/// What an object counts for, beside its members: it takes as much memory as so many plain values.
+/// What an object counts for, beside its members: the number of plain values that take as much memory.
 const OBJECT: usize = 8;
 /// What a member of an object counts for, beside its value: its name, and its share of the nodes of a tree that are half
 /// full.

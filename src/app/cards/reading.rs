@@ -13,7 +13,7 @@ use plumbline_engine::text::did_you_mean;
 /// What a member of a card may be.
 #[derive(Debug, Clone, Copy)]
 enum Member {
-    /// Text of 1 to so many characters.
+    /// Text of 1 to this number of characters.
     Text(usize),
     /// Finite number from the first to the second.
     Number(f64, f64),
@@ -37,7 +37,7 @@ enum Member {
     Url,
     /// Object with these members; those marked `true` must be there.
     Object(&'static [(&'static str, Member, bool)]),
-    /// List of so many such objects at most.
+    /// List of such objects, at most this number of them.
     List(usize, &'static [(&'static str, Member, bool)]),
 }
 

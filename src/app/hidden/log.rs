@@ -140,7 +140,7 @@ pub async fn checkpoint(app: &App) -> AppResult<String> {
     grown.checkpoint(app).await
 }
 
-/// Returns the root of the log as it was with so many entries; `None` if it has another name, or fewer.
+/// Returns the root of the log at a given size; `None` if the log has another name or fewer entries.
 ///
 /// # Errors
 /// Returns an error if the database fails.

@@ -148,7 +148,7 @@ impl Posted {
     }
 }
 
-/// Returns whether a text is a single JSON document over several lines, of which the first alone is none.
+/// Returns whether a text is a single JSON document over several lines, of which the first alone is not one.
 fn is_one_over_lines(text: &[u8]) -> bool {
     let is_json = |text: &[u8]| serde_json::from_slice::<serde::de::IgnoredAny>(text).is_ok();
     let first = text.trim_ascii_start().split(|byte| *byte == b'\n').next().unwrap_or_default();

@@ -24,11 +24,11 @@ enum Identified {
     Key(KeyRow),
     /// The key is invalid, for this reason.
     Refused(&'static str),
-    /// What was sent has the form of a key of this service, and is none, or no longer.
+    /// What was sent has the form of a key of this service, but is not a live key.
     NotLive,
 }
 
-/// Why a key is refused that is none, or no longer.
+/// Reason for refusing a key that is not live.
 const NOT_LIVE: &str = "the key is unknown, revoked or expired";
 
 /// Sender of a request, as identified by its key.

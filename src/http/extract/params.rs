@@ -37,7 +37,7 @@ impl<S: Sync, T: DeserializeOwned> FromRequestParts<S> for SoundParams<T> {
 /// Reads a position `x,y,z`, the value of a parameter.
 ///
 /// # Errors
-/// Returns an error (400) if it is none.
+/// Returns an error (400) if it is not a valid value.
 pub fn position(name: &str, text: &str) -> AppResult<[i32; 3]> {
     let parts: Result<Vec<i32>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     let position = parts.ok().and_then(|parts| <[i32; 3]>::try_from(parts).ok());

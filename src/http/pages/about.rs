@@ -15,7 +15,7 @@ pub const CRITERIA: [(&str, &str); 7] = [
     ("Plausibility", "Is every block held up by the ground or by others?"),
     ("Stability", "Does the stress inside stay below what the task allows?"),
     ("Efficiency", "Is the path from block to block short?"),
-    ("Dependency", "Were the parts built in an order in which they can be built?"),
+    ("Dependency", "Were the parts built in the order that the task asks for?"),
 ];
 
 /// Words of the pages, each with its meaning, in the order in which a reader meets them.

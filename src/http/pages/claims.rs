@@ -97,7 +97,6 @@ fn of_sizes(name: &str, args: Args<'_>) -> Option<String> {
     };
     match name {
         "size.is_equal" => extents("The build measures"),
-        "size.is_geq" => extents("The build measures at least"),
         "size.is_leq" => extents("The build measures at most"),
         "size.all_dimensions_geq" => Some(format!("At least {} on every axis", blocks(args, "min_size"))),
         "size.max_y_is_geq" => Some(format!("The highest block is at y = {} or higher", args.told("min_y"))),

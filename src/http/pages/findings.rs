@@ -14,7 +14,7 @@ pub fn found(check: &CheckReport) -> String {
     let measured = Args(&check.finding.measured);
     let told = match &*check.name {
         "shape.level_has" => level_found(measured),
-        "size.is_equal" | "size.is_geq" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
+        "size.is_equal" | "size.is_leq" | "size.all_dimensions_geq" => extents_found(measured),
         "material.is_made_of" => {
             check.finding.measured.as_f64().map(|share| format!("{} of the blocks are", percent(share)))
         }
@@ -23,7 +23,8 @@ pub fn found(check: &CheckReport) -> String {
         _ => None,
     };
     // What was built under the ground has no upper surface.
-    if check.finding.summary.ends_with("upper surface [] along x, [] along z") {
+    let is_empty = |line: &str| check.finding.measured[line].as_array().is_some_and(Vec::is_empty);
+    if is_empty("along_x") && is_empty("along_z") {
         return "Nothing of it stands above the ground".to_owned();
     }
     let summary = check.finding.summary.split("; required").next().unwrap_or_default();
@@ -283,6 +284,8 @@ mod tests {
             "The climb ends at y = -1"
         );
 
+        let buried = json!({ "clear": 0, "closed": true, "falls_to_all_sides": false, "along_x": [], "along_z": [] });
+        assert_eq!(told("shape.is_vault", buried, "flat"), "Nothing of it stands above the ground");
         assert_eq!(told("material.count_is_within", json!(1), "1 blocks"), "1 block");
         let floats = told("physical_plausibility.is_ground_connected", json!(1), "1 of 1 blocks float");
         assert_eq!(floats, "1 of 1 block floats");

@@ -204,7 +204,7 @@ fn is_not_there(id: &str) -> String {
 /// that is so and a row refers to an object. A bucket is not asked.
 ///
 /// # Errors
-/// Returns an error if the database fails, or notes a place that is none.
+/// Returns an error if the database fails, or notes a place that cannot be read.
 pub async fn place_of(database: &Location) -> StoreResult<Option<(BlobPlace, Option<StoreError>)>> {
     let pool = open_reading(database).await?;
     let (opened, has_objects) = (Blobs::open(&pool).await?.opened(), has_objects(&pool).await?);
