@@ -990,6 +990,18 @@ class Limits(BaseModel):
     """
     Greatest y.
     """
+    owner_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters in the name of an owner or of a member.
+    """
+    key_days: int
+    """
+    Days that a key may be valid.
+    """
+    reason_chars: Annotated[int, Field(ge=0)]
+    """
+    Characters in the reason for an action on a board's row.
+    """
     agent_chars: Annotated[int, Field(ge=0)]
     """
     Characters in an agent's name.
@@ -1560,7 +1572,7 @@ class NewKey(BaseModel):
     """
     Scopes of the key; by default all that the member's role and the key of the request allow.
     """
-    expires_days: Annotated[int | None, Field(ge=1)] = None
+    expires_days: Annotated[int | None, Field(ge=1, le=36500)] = None
     """
     Lifetime of the key in days; by default, and at most, that of the key of the request.
     """
@@ -1637,7 +1649,7 @@ class NewWithdrawal(BaseModel):
         extra="forbid",
         populate_by_name=True,
     )
-    reason: Annotated[str, Field(min_length=1)]
+    reason: Annotated[str, Field(max_length=500, min_length=1)]
     """
     Reason for the withdrawal; it is public.
     """
@@ -4383,7 +4395,7 @@ class Finding(BaseModel):
     """
     summary: str
     """
-    Measured and required value in one sentence.
+    What was measured and what is required, as `measured; required …`. Pages show the part before `; required` alone.
     """
     witnesses: list[Witness] | None = None
     """
@@ -4727,7 +4739,7 @@ class NewWebhook(BaseModel):
         extra="forbid",
         populate_by_name=True,
     )
-    url: str
+    url: Annotated[str, Field(max_length=2000)]
     """
     URL to which events are posted: https, at an address of the public internet.
     """
