@@ -17,7 +17,7 @@ use super::memory::PeakMemory;
 use super::mindcraft::Prepared;
 use super::sandbox::cpu_ms;
 use super::{ActionLimits, Profile, mindcraft, published};
-use plumbline_engine::intake::code::without_fences;
+use plumbline_engine::intake::code::{left_out_of, without_fences};
 
 /// Name of the command that runs as this process.
 pub const COMMAND: &str = "run-action-code";
@@ -112,7 +112,13 @@ fn replay(job: &Job, limits: &ActionLimits, peak: &PeakMemory, prepared: Prepare
         Profile::Published => {
             let files = job.turns.iter().map(|turn| match turn {
                 TurnInput::Code(files) => match files.as_slice() {
-                    [file] => published::run(&without_fences(file), limits, peak),
+                    [file] => {
+                        let mut replayed = published::run(&without_fences(file), limits, peak);
+                        if replayed.events.is_empty() || replayed.error.is_some() {
+                            replayed.notes.extend(left_out_of(file));
+                        }
+                        replayed
+                    }
                     _ => super::Replayed::default(),
                 },
                 TurnInput::Events(_) => super::Replayed::default(),

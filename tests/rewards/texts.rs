@@ -120,6 +120,13 @@ async fn what_surrounds_code_explains_why_it_fails() {
         (format!("I build:\n{WALL}\nDone, I hope it's fine."), "without a code fence (```) the whole answer is read"),
         (format!("```js\nlog(bot, '<think>');\n{WALL}\n```"), "never closed: <think> in line 2"),
         (format!("```js\n{WALL}\0\n```"), "a null character (U+0000)"),
+        (format!("```js\nconst build = async (bot) => {{\n{WALL}\n}};\n```"), "it defines build, which nothing calls"),
+        (
+            "```js\nasync function f(bot, skills) {\n  await skills.placeBlock(bot, 'stone', 0, 0, 0);\n}\n```"
+                .to_owned(),
+            "its parameter skills is undefined",
+        ),
+        ("```ts\nconst b = bot as any;\nawait skills.wait(b, 1);\n```".to_owned(), "which has no types"),
     ] {
         let graded = graded(&service, &answer).await;
         let notes = graded["action_code"][0]["notes"].to_string().replace("\\\"", "\"");
@@ -150,6 +157,16 @@ async fn json_that_is_no_log_is_no_answer() {
         (format!("```json\n{quoted}\n```"), "JSON has straight double quotes around names and strings"),
         (wall_log().replacen("\"x\":0", "\"x\":NaN", 1), "JSON has no NaN"),
         (wall_log().replace("[{", "[ // the wall\n{"), "JSON has no comments"),
+        // What is inside JSON that is cut off is no answer of its own.
+        (format!("{{\"turns\":[{},{{\"events\":[", wall_log()), "the JSON that begins on line 1 is incomplete"),
+        (format!("```\n{{\"action_code\": \"{}", WALL.replace('\n', " ")), "the JSON that begins on line 2 is incomplete"),
+        (format!("{{\"turn1\":{0},\"turn2\":{0}}}", wall_log()), "has a member for each turn"),
+        (wall_log().replacen("\"x\":0", "\"x\":0.5", 1), "/events/0/x: 0.5 is not an integer (in the JSON that begins on line 1)"),
+        (format!("<think>\n```js\n{WALL}\n```\n</think>\nI have built it."), "its thoughts, which hold code, were left out"),
+        (
+            "<|channel|>analysis<|message|>Plan.<|end|><|start|>assistant<|channel|>commentary to=functions.act <|message|>{}<|call|>".to_owned(),
+            "no message in the channel `final`",
+        ),
     ] {
         for reward in ["strict", "mean"] {
             let body = json!({ "task": "walls/5x1x5-raise", "answer": answer, "reward": reward });
@@ -164,6 +181,45 @@ async fn json_that_is_no_log_is_no_answer() {
         let replayed = service.post_json("/v1/replay", &body).await;
         assert!(replayed.text.contains("send a block log as events, rows or turns"), "{}", replayed.text);
     }
+}
+
+/// What the code of an answer did not do is explained wherever code is taken, and under both profiles.
+#[tokio::test]
+async fn what_is_left_out_of_code_is_told_at_every_door() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = service(&folder);
+    let build = format!("(async (bot) => {{\n{WALL}\n}})");
+    for (profile, code, told) in [
+        ("published", format!("<think>\nI need a wall.\n```js\n{build}\n```"), "never closed: <think> in line 1"),
+        (
+            "published",
+            format!("```js\n{build}\n```\nThen\n```js\nawait wall(bot);\n```"),
+            "of 2 code fences the last alone is run",
+        ),
+        ("published", format!("Sure:\n```js\n{}", &build[..build.len() / 2]), "ends without a closing fence"),
+        ("mindcraft", "/fill 0 0 0 4 4 0 stone".to_owned(), "a command is sent by code"),
+        (
+            "mindcraft",
+            "{\"events\": [{\"action\": \"place\",".to_owned(),
+            "the JSON that begins on line 1 is incomplete",
+        ),
+    ] {
+        let replayed = service.post_json("/v1/replay", &json!({ "profile": profile, "action_code": code })).await;
+        assert!(replayed.text.contains(told), "{code}: {}", replayed.text);
+        let body = json!({ "task": 113, "profile": profile, "turns": [{ "action_code": code }] });
+        let graded = service.post_json("/v1/grade", &body).await;
+        assert!(graded.text.contains(told), "{code}: {}", graded.text);
+    }
+    // A mark that some editors write before the text hides no fence.
+    let marked = json!({ "profile": "published", "action_code": format!("\u{feff}```js\n{build}\n```") });
+    assert_eq!(service.post_json("/v1/replay", &marked).await.json()["events"].as_array().map(Vec::len), Some(25));
+    // An answer that was found says what came after it.
+    let answer = json!({ "task": 113, "profile": "published", "answer": format!("```js\n{build}\n```\n<think>Or") });
+    let found = service.post_json("/v1/grade", &answer).await.json()["answer"]["found"][0].clone();
+    assert!(found["left_out"].as_str().is_some_and(|why| why.contains("<think> in line")), "{found}");
+    // Code in a list, one text for each file, is code.
+    let answer = json!({ "task": 113, "profile": "mindcraft", "answer": json!({ "action_code": [WALL] }).to_string() });
+    assert_eq!(service.post_json("/v1/grade", &answer).await.json()["reward"], 1.0);
 }
 
 #[tokio::test]

@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use super::text::fences::{Fence, fences};
 use super::text::template::message;
-use super::text::thinking::{begins_with_thought, without_thoughts};
+use super::text::thinking::{begins_with_thought, left_out, without_thoughts};
+use crate::text::line_of;
 use crate::voxel::block_log::{BlockLog, Event};
 use crate::voxel::cell::Cell;
 use crate::voxel::profile::Profile;
@@ -129,6 +130,28 @@ pub fn without_fences(code: &str) -> Cow<'_, str> {
     })
 }
 
+/// Says what [`without_fences`] leaves out of a text, for the author of code that did not do what was meant: earlier
+/// fences, a fence or a thought without end, and what follows the end of a message.
+#[must_use]
+pub fn left_out_of(code: &str) -> Vec<String> {
+    let (shown, ends_in_thought) = without_thoughts(code);
+    let fences = fences(&shown);
+    let mut told = Vec::new();
+    if !fences.is_empty() || begins_with_thought(code) {
+        told.extend(left_out(code));
+    }
+    let mut filled = fences.iter().filter(|fence| !shown[fence.content.clone()].trim().is_empty());
+    let (Some(last), before) = (filled.next_back(), filled.count()) else { return told };
+    if before > 0 {
+        let line = line_of(&shown, last.content.start);
+        told.push(format!("of {} code fences the last alone is run, which begins on line {line}", before + 1));
+    }
+    if last.content.end == shown.len() && !ends_in_thought {
+        told.push("the answer ends without a closing fence, so it may be incomplete".to_owned());
+    }
+    told
+}
+
 /// Returns a part of a text, prefixed with as many line breaks as precede it, so that it keeps its line numbers.
 #[must_use]
 pub fn on_its_lines(text: &str, part: std::ops::Range<usize>) -> String {
@@ -141,6 +164,28 @@ pub fn on_its_lines(text: &str, part: std::ops::Range<usize>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_out_is_told() {
+        for (sent, told) in [
+            ("a();", &[][..]),
+            ("```js\na();\n```", &[]),
+            (
+                "<think>\nI need a wall.\n```js\na();\n```",
+                &["inside a thinking tag that is never closed: <think> in line 1"],
+            ),
+            (
+                "```js\na();\n```\nThen\n```js\nb();\n```",
+                &["of 2 code fences the last alone is run, which begins on line 6"],
+            ),
+            ("```js\na(", &["ends without a closing fence"]),
+            ("a(); // <think>", &[]),
+        ] {
+            let found = left_out_of(sent);
+            assert_eq!(found.len(), told.len(), "{sent}: {found:?}");
+            assert!(found.iter().zip(told).all(|(found, told)| found.contains(told)), "{sent}: {found:?}");
+        }
+    }
 
     #[test]
     fn code_is_taken_out_of_its_fences() {

@@ -341,7 +341,7 @@ mod tests {
     fn every_fault_is_told_with_its_place() {
         let faults = faults_of(
             r#"[{"events":[{"action":"paint","x":1.5,"y":9999,"material":7,"colour":"red"}, 3]},
-                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}, {"action_code": null}]"#,
+                {"palette":["stone"],"rows":[[1,2,3,1],[1,2],[0,0,"a"]], "extra": {}}]"#,
         );
         assert_eq!(
             faults,
@@ -357,9 +357,11 @@ mod tests {
                 "/1/rows/2/2: expected an integer, found \"a\"",
                 "/1/extra: unknown field; a turn has events, or palette and rows, or action_code, or structure",
                 "/1/rows/0/3: 1 is not an index of the palette, which has 1 entry",
-                "/2: events, rows, action_code and structure are missing or null; write an empty turn as {\"events\": []}",
             ]
         );
+        let none =
+            "events, rows, action_code and structure are missing or null; write an empty turn as {\"events\": []}";
+        assert_eq!(faults_of(r#"[{"action_code": null}, {}]"#), [format!("/0: {none}"), format!("/1: {none}")]);
     }
 
     #[test]

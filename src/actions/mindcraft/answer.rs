@@ -27,6 +27,9 @@ pub struct Reading {
 const NO_FENCE: &str =
     "without a code fence (```) the whole answer is read as code; put the code, and nothing else, in one fence";
 
+/// Note on TypeScript that fails.
+const TYPES: &str = "the code is run as JavaScript, which has no types: leave out `: type`, `as` and `interface`";
+
 /// Reads an answer: the code is what stands between the first and the last fence, or the whole text if there is none.
 pub fn read(sent: &str) -> Reading {
     let mut notes = Vec::new();
@@ -73,7 +76,8 @@ pub fn read(sent: &str) -> Reading {
     };
     // Another word than a language has a note already, and so will JSON.
     let is_told = word.is_some_and(|word| !LANGUAGES.contains(&word)) || is_json(code);
-    let if_it_fails = beside_the_fence(code).filter(|_| !is_told);
+    let is_typed = word.is_some_and(|word| ["ts", "typescript"].contains(&word.to_lowercase().as_str()));
+    let if_it_fails = if is_typed { Some(TYPES.to_owned()) } else { beside_the_fence(code).filter(|_| !is_told) };
     let lines = shown[..end - code.len()].matches('\n').count();
     Reading { code: format!("{}{code}", "\n".repeat(lines)), notes, if_it_fails }
 }
@@ -133,7 +137,9 @@ pub fn else_of_check(code: &str) -> Option<usize> {
 pub fn with_suggestion(reason: String) -> String {
     let named = reason.strip_prefix('\'').and_then(|rest| rest.strip_suffix("' is not the name of a block"));
     let meant = named.map(|name| did_you_mean(&name.to_lowercase().replace(' ', "_"), blocks::names()));
-    reason + &meant.unwrap_or_default()
+    let has_state = named.is_some_and(|name| name.contains('['));
+    let of_state = "; skills take names without a state, which a command takes: bot.chat('/setblock 0 0 0 oak_stairs[facing=north]')";
+    if has_state { reason + of_state } else { reason + &meant.unwrap_or_default() }
 }
 
 #[cfg(test)]
@@ -161,6 +167,8 @@ mod tests {
             let told = with_suggestion(format!("'{name}' is not the name of a block"));
             assert!(told.contains("; did you mean ") && told.contains(meant), "{told}");
         }
+        let stated = with_suggestion("'oak_stairs[facing=north]' is not the name of a block".to_owned());
+        assert!(stated.contains("; skills take names without a state"), "{stated}");
         assert_eq!(with_suggestion("the cell is out of range".to_owned()), "the cell is out of range");
     }
 
@@ -215,6 +223,7 @@ mod tests {
             ("```python\na();\n```", None),
             ("```json\n{\"a\": 1}\n```", None),
             ("~~~js\na();\n~~~", Some(NO_FENCE)),
+            ("```ts\nconst b = bot as any;\n```", Some(TYPES)),
         ] {
             assert_eq!(read(sent).if_it_fails.as_deref(), told, "{sent}");
         }

@@ -2,11 +2,12 @@
 //! (`docs/rules.md#mindcraft`).
 //!
 //! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, which it
-//! reaches through `bindings`. `recording` turns changes of the world into events, and `naming` makes errors name the
+//! reaches through `bindings`. `hints` tells authors of code that built nothing why. `recording` turns changes of the world into events, and `naming` makes errors name the
 //! function that is meant.
 
 mod answer;
 mod bindings;
+mod hints;
 mod host;
 mod modules;
 mod naming;
@@ -27,6 +28,7 @@ use super::sandbox::{self, FILE, Fire, Sandbox, Watch, cpu_ms, told};
 use super::{ActionLimits, CodeError, Dropped, LimitReached, Replayed, null_noted, without_null};
 use answer::Reading;
 use host::{Host, Told};
+use plumbline_engine::intake::text::why_no_answer;
 use plumbline_engine::text::counted;
 use recording::{apply, record, state_of, world_of};
 
@@ -201,6 +203,9 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
             let message = if has_code { error.message } else { "there is no code in the answer".to_owned() };
             if_it_fails = if_it_fails.filter(|_| has_code);
             ended.errors.push(CodeError { message, ..error });
+            if let Some(why) = why_no_answer(sent).filter(|_| !has_code) {
+                host.borrow_mut().note(&why);
+            }
             if ended.unreadable && answer::is_json(&code) {
                 host.borrow_mut().note(answer::JSON_IS_NO_CODE);
             } else if ended.unreadable && code.contains("```") {
@@ -220,9 +225,8 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
         }
         if is_idle() && !sandbox.is_stopped() {
             let is_json = answer::is_json(&code);
-            let why =
-                if is_json { answer::JSON_IS_NO_CODE } else { "the code ended without placing or removing a block" };
-            host.borrow_mut().note(why);
+            let why = if is_json { answer::JSON_IS_NO_CODE.to_owned() } else { hints::idle(&code) };
+            host.borrow_mut().note(&why);
         }
     }
     // The word "json" after a fence is read as "on", so a list in that fence fails where an object does nothing.
@@ -242,6 +246,9 @@ fn run_file(sent: &str, prepared: Prepared, limits: &ActionLimits, end_cpu_ms: u
     } else if ended.errors.is_empty() && host.borrow().done_at_ms.is_none() {
         let message = "the code waits for something that never happens, so what follows was not run".to_owned();
         ended.errors.push(CodeError { message, line: None, column: None, file: None, events: None, is_own: false });
+    }
+    if let Some(told) = hints::second_parameter(&code, &ended.errors) {
+        host.borrow_mut().note(&told);
     }
     let is_explained = !ended.errors.is_empty() && is_idle() && (ended.unreadable || sent.contains("```"));
     if let Some(told) = if_it_fails.filter(|_| is_explained) {

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::app::limits::LIMITS;
 use plumbline_engine::intake::code::SentLog;
 use plumbline_engine::intake::text::thinking::{thoughts_removed, without_thoughts};
-use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, is_other_json, read_answer};
+use plumbline_engine::intake::text::{AnswerKind, FoundAnswer, NO_LOG, cut_off_json, is_other_json, read_answer};
 use plumbline_engine::text::{counted, line_of};
 use plumbline_engine::voxel::{BlockLog, Profile};
 
@@ -47,6 +47,10 @@ pub struct FoundBody {
     /// Line of that text on which JSON begins, after the answer, that the end of the text cuts off, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cut_off: Option<usize>,
+    /// What of the text was not read because a thought begins there that never ends.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "the answer ends inside a thinking tag that is never closed: <think> in line 2")]
+    pub left_out: Option<String>,
 }
 
 /// Kind of an answer.
@@ -167,12 +171,19 @@ fn read_as(profile: Profile, text: &str) -> Result<FoundAnswer, String> {
         return read;
     }
     // Text that calls skills within JSON; an answer that was found is known to be more than that.
-    if read.is_err() && is_other_json(text) {
-        return Err(NO_LOG.to_owned());
+    if read.is_err() {
+        if is_other_json(text) {
+            return Err(NO_LOG.to_owned());
+        }
+        if let Some(why) = cut_off_json(text) {
+            return Err(why);
+        }
     }
     let code = thoughts_removed(text);
     let line = code.find("```").map_or(1, |at| line_of(&code, at));
-    Ok(FoundAnswer { sent: SentLog::of_code(code), kind: AnswerKind::Code, line, passed_over: 0, cut_off: None })
+    let sent = SentLog::of_code(code);
+    // What is left out is told with the code's own notes.
+    Ok(FoundAnswer { sent, kind: AnswerKind::Code, line, passed_over: 0, cut_off: None, left_out: None })
 }
 
 /// Returns whether a text is taken for code under the profile `mindcraft` only because it names a function that code calls:
@@ -199,7 +210,8 @@ impl FoundBody {
             AnswerKind::Log => FoundKind::Log,
             AnswerKind::Code => FoundKind::ActionCode,
         };
-        Self { text, line: answer.line, kind, passed_over: answer.passed_over, cut_off: answer.cut_off }
+        let FoundAnswer { line, passed_over, cut_off, .. } = *answer;
+        Self { text, line, kind, passed_over, cut_off, left_out: answer.left_out.clone() }
     }
 }
 
@@ -263,6 +275,9 @@ mod tests {
         assert_eq!(used(&[wall, "I used `skills.placeBlock(bot, 'stone', 0, 0, 0)`."], 1), [1]);
         assert_eq!(used(&[wall, wall, "Done! Each block uses skills.placeBlock."], 2), [1, 2]);
         assert_eq!(used(&["I used skills.placeBlock."], 1), [1]);
+        // Code within JSON that is cut off is no answer.
+        let cut = r#"{"turns": [{"action_code": "await skills.placeBlock(bot, 'stone', 0, 0, 0);"}, {"acti"#;
+        assert_eq!(read_as(Profile::Mindcraft, cut).unwrap_err(), "the JSON that begins on line 1 is incomplete");
         // JSON in a fence is an answer of its own, and so is JSON alone.
         assert_eq!(kind(&format!("{wall}Or:\n```json\n{{\"events\": []}}\n```")).0, AnswerKind::Log);
         assert_eq!(kind(r#"{"events": []}"#).0, AnswerKind::Log);

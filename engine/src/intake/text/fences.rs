@@ -75,7 +75,8 @@ struct Mark {
 impl Mark {
     /// Parses the fence at the start of a line. Returns it with the rest of the line.
     fn of(line: &str) -> Option<(Self, &str)> {
-        let line = line.trim_start();
+        // A byte order mark begins the texts of some programs.
+        let line = line.trim_start_matches(|c: char| c.is_whitespace() || c == '\u{feff}');
         let sign = line.chars().next().filter(|sign| matches!(sign, '`' | '~'))?;
         let length = line.chars().take_while(|c| *c == sign).count();
         (length >= 3).then(|| (Self { sign, length }, &line[length..]))
@@ -110,6 +111,7 @@ mod tests {
         assert_eq!(fences(nested).first().map(|f| &nested[f.content.clone()]), Some("code\n"));
         assert_eq!(fences("```js"), [Fence { language: "js".to_owned(), content: 5..5 }]);
         assert_eq!(fences("no fence, `code` alone"), []);
+        assert_eq!(fences("\u{feff}```js\na();\n```").len(), 1);
         let glued = "```js\na();\nb();```\nDone.";
         assert_eq!(fences(glued).iter().map(|f| &glued[f.content.clone()]).collect::<Vec<_>>(), ["a();\nb();"]);
         let whole = "```js\na(`x```);\nb(`y ```z```);\n```";

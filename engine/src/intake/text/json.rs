@@ -1,5 +1,6 @@
 //! JSON in prose: finds and reads values in the form of a block log.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use serde::Deserialize;
@@ -10,11 +11,14 @@ use crate::intake::code::SentLog;
 use crate::intake::stored::StoredLog;
 use crate::intake::tolerant::read_document;
 use crate::intake::{LogLimits, Turns};
+use crate::text::counted;
 
 /// Fixed part, in bytes, of the budget for reading brackets that begin no JSON, and JSON that is not a log. The rest of
 /// the budget is the size of the text times `WASTE_TIMES`.
 pub const WASTE_BYTES: usize = 1 << 20;
 const WASTE_TIMES: usize = 16;
+/// Number of faults that a reason names.
+const TOLD: usize = 3;
 
 /// The result of scanning a text for logs.
 #[derive(Debug, Default)]
@@ -23,8 +27,10 @@ pub(super) struct Scanned {
     pub logs: Vec<Range<usize>>,
     /// Number of non-empty JSON objects that are not logs. Lists do not count.
     pub other_values: usize,
-    /// Byte offset of the first value that is cut off by the end of the text.
+    /// Byte offset of the value that is cut off by the end of the text, and of which everything that follows is a part.
     pub unfinished: Option<usize>,
+    /// Whether an object has a member for each turn, which is no form of a log.
+    pub has_named_turns: bool,
     /// Whether the scan stopped before the end of the text, because its budget was used up.
     pub is_given_up: bool,
 }
@@ -45,13 +51,16 @@ pub(super) fn logs_in(text: &str) -> Scanned {
             }
             Some(Ok(value)) => {
                 // Empty braces of a script and lists in prose are not meant as JSON.
-                scanned.other_values += usize::from(value.get().starts_with('{') && value.get().contains('"'));
+                let is_object = value.get().starts_with('{') && value.get().contains('"');
+                scanned.other_values += usize::from(is_object);
+                scanned.has_named_turns |= is_object && has_named_turns(value.get());
                 value.get().len()
             }
             Some(Err(error)) => {
                 // A bracketed word in prose is a syntax error; a value cut off by the end of the text is JSON so far.
                 if error.is_eof() && rest.contains('"') {
-                    scanned.unfinished.get_or_insert(begin);
+                    scanned.unfinished = Some(begin);
+                    break;
                 }
                 offset_of(rest, &error)
             }
@@ -90,7 +99,7 @@ impl Members<'_> {
     fn is_turn(&self) -> bool {
         let is_list = |value: Option<&RawValue>| value.is_some_and(|value| value.get().starts_with('['));
         let is_text = |value: Option<&RawValue>| value.is_some_and(|value| value.get().starts_with('"'));
-        is_list(self.events) || is_list(self.rows) || is_text(self.action_code)
+        is_list(self.events) || is_list(self.rows) || is_text(self.action_code) || is_list(self.action_code)
     }
 
     fn is_log(&self) -> bool {
@@ -161,7 +170,7 @@ pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
             let Stored { palette, turns } = serde_json::from_str(json).map_err(|error| error.to_string())?;
             let palette = palette.map_or("[]", RawValue::get);
             let log = format!("{{\"palette\":{palette},\"turns\":{}}}", turns.get());
-            return whole(read_document(log.as_bytes(), StoredLog { faults: &mut faults, limits }), &faults);
+            return whole(read_document(log.as_bytes(), StoredLog { faults: &mut faults, limits }), &faults, "");
         }
         Form::Turns => {
             let members: Members<'_> = serde_json::from_str(json).map_err(|error| error.to_string())?;
@@ -171,8 +180,26 @@ pub(super) fn read(json: &str, limits: LogLimits) -> Result<SentLog, String> {
         Form::TurnList => json.to_owned(),
         Form::EventList => format!("[{{\"events\":{json}}}]"),
     };
-    faults.enter_key("turns");
-    whole(read_document(turns.as_bytes(), Turns { faults: &mut faults, limits }), &faults)
+    // Faults name the place in the JSON as the model wrote it.
+    let added = match form {
+        Form::Turn => "/0",
+        Form::EventList => "/0/events",
+        Form::Turns | Form::TurnList | Form::Stored => "",
+    };
+    if matches!(form, Form::Turns) {
+        faults.enter_key("turns");
+    }
+    let read = read_document(turns.as_bytes(), Turns { faults: &mut faults, limits });
+    whole(read, &faults, added)
+}
+
+/// Returns whether a JSON object has a member for each turn, such as `turn1` and `turn2`, each a log.
+pub(super) fn has_named_turns(json: &str) -> bool {
+    let members: BTreeMap<String, &RawValue> = serde_json::from_str(json).unwrap_or_default();
+    let is_turn = |(name, value): &(&String, &&RawValue)| {
+        name.to_ascii_lowercase().starts_with("turn") && has_form_of_log(value.get())
+    };
+    members.iter().filter(is_turn).count() > 1
 }
 
 /// Returns the JSON of a turn without the members that do not belong to a turn.
@@ -192,9 +219,21 @@ fn turn_of(json: &str) -> Result<String, String> {
     serde_json::to_string(&turn).map_err(|error| error.to_string())
 }
 
-fn whole(read: Result<Option<SentLog>, serde_json::Error>, faults: &Faults) -> Result<SentLog, String> {
+/// Returns the log, or the first faults; their places begin with `added`, which the model did not write.
+fn whole(read: Result<Option<SentLog>, serde_json::Error>, faults: &Faults, added: &str) -> Result<SentLog, String> {
+    let as_written = |fault: String| {
+        let own = fault.strip_prefix(added).unwrap_or(&fault);
+        own.strip_prefix(": ").unwrap_or(own).to_owned()
+    };
     match read.map_err(|error| error.to_string())? {
         Some(log) if faults.is_empty() => Ok(log),
-        _ => Err(faults.list().first().map_or_else(|| "the log has faults".to_owned(), ToString::to_string)),
+        _ => {
+            let mut told: Vec<String> =
+                faults.list().iter().take(TOLD).map(|fault| as_written(fault.to_string())).collect();
+            if let Some(more) = faults.list().len().checked_sub(TOLD).filter(|more| *more > 0) {
+                told.push(format!("and {}", counted(more, "further fault")));
+            }
+            Err(if told.is_empty() { "the log has faults".to_owned() } else { told.join("; ") })
+        }
     }
 }

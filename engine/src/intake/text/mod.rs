@@ -8,19 +8,21 @@ mod bare_code;
 pub mod fences;
 mod json;
 pub mod marks;
+mod reasons;
 pub mod template;
 pub mod thinking;
 
 pub use json::WASTE_BYTES;
+pub use reasons::{NO_LOG, cut_off_json, why_no_answer};
 
 use std::ops::Range;
 
 use super::LogLimits;
 use super::code::{SentLog, on_its_lines};
-use super::not_json::{message, remedy};
 use crate::text::line_of;
 use bare_code::{calls_skills, is_script_start, regions};
 use fences::{Fence, fences};
+use reasons::{NAMED_TURNS, why_none};
 use thinking::{left_out, without_thoughts};
 
 /// The kind of an answer.
@@ -45,6 +47,8 @@ pub struct FoundAnswer {
     pub passed_over: usize,
     /// Line on which JSON begins after the answer that the end of the text cuts off, from 1.
     pub cut_off: Option<usize>,
+    /// What of the text was not read because a thought begins there that never ends.
+    pub left_out: Option<String>,
 }
 
 /// Finds the last complete answer in `text` and reads it.
@@ -59,6 +63,11 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
         json.logs.iter().map(|range| (AnswerKind::Log, range.clone())).collect();
     candidates.extend(code_fences(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
     candidates.extend(regions(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
+    // What looks like code within JSON that is cut off is a part of it.
+    candidates.retain(|(_, range)| json.unfinished.is_none_or(|at| begin_of(&shown, range) < at));
+    if json.has_named_turns {
+        return Err(NAMED_TURNS.to_owned());
+    }
     // Strings within JSON may look like code.
     let other = other_json(&shown, &fences, &json);
     if other
@@ -75,16 +84,26 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
             None if is_all => "the answer has nothing but thoughts".to_owned(),
             Some(why) if is_all || ends_in_thought => why,
             Some(why) => format!("{}; {why}", why_none(&shown, &fences, &json)),
+            None if calls_skills(text) && !calls_skills(&shown) => {
+                format!("{}; its thoughts, which hold code, were left out", why_none(&shown, &fences, &json))
+            }
             None => why_none(&shown, &fences, &json),
         });
     };
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
-        AnswerKind::Log => json::read(&shown[range.clone()], limits)?,
+        AnswerKind::Log => json::read(&shown[range.clone()], limits)
+            .map_err(|why| format!("{why} (in the JSON that begins on line {})", line_of(&shown, range.start)))?,
     };
     let passed_over = candidates.iter().filter(|(_, other)| other.end < range.start).count();
     let cut_off = json.unfinished.filter(|at| *at >= range.end).map(|at| line_of(&shown, at));
-    Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over, cut_off })
+    let left_out = if ends_in_thought { left_out(text) } else { None };
+    Ok(FoundAnswer { sent, kind, line: line_of(&shown, range.start), passed_over, cut_off, left_out })
+}
+
+/// Returns where the text of a range begins, without the white space before it.
+fn begin_of(text: &str, range: &Range<usize>) -> usize {
+    range.end - text[range.clone()].trim_start().len()
 }
 
 /// Returns whether a text, without thoughts, is JSON that is no block log: a list or an object, alone or in the only fence.
@@ -129,61 +148,6 @@ fn code_fences<'t>(
     let all: Vec<Range<usize>> = fences.iter().filter(is_code).map(|fence| fence.content.clone()).collect();
     let any_calls = all.iter().any(|range| calls_skills(&text[range.clone()]));
     all.into_iter().filter(move |range| !any_calls || calls_skills(&text[range.clone()]))
-}
-
-fn why_none(text: &str, fences: &[Fence], json: &json::Scanned) -> String {
-    if let Some(at) = json.unfinished {
-        return format!("the JSON that begins on line {} is incomplete", line_of(text, at));
-    }
-    if json.is_given_up {
-        return "too many brackets that are not JSON; put the answer into a code fence".to_owned();
-    }
-    if let Some(why) = faulty_json(text, fences) {
-        return why;
-    }
-    if json.other_values > 0 {
-        return NO_LOG.to_owned();
-    }
-    match fences.last() {
-        Some(fence) if text[fence.content.clone()].trim().is_empty() => "the last code fence is empty".to_owned(),
-        Some(fence) if !fence.language.is_empty() => {
-            format!("the last code fence is {:?}, which is neither JSON nor JavaScript", fence.language)
-        }
-        _ if is_command(text) => "a command is sent by code, as bot.chat('/fill 0 0 0 4 4 0 stone')".to_owned(),
-        _ => "there is neither a block log as JSON nor action code in the answer".to_owned(),
-    }
-}
-
-/// Returns whether a text begins with a command that builds, and not with a path or a comment.
-fn is_command(text: &str) -> bool {
-    let command = text.trim_start().strip_prefix('/').and_then(|rest| rest.split_whitespace().next());
-    command.is_some_and(|name| ["fill", "setblock", "clone"].contains(&name.strip_prefix("minecraft:").unwrap_or(name)))
-}
-
-/// Why JSON of another form is no answer.
-pub const NO_LOG: &str = "the JSON in the answer is not a block log: expected an object with turns, events, rows or action_code, or an array of events";
-
-/// Explains what is wrong with a text that was meant as JSON: the last fence, or the whole text, if it begins and ends with
-/// brackets.
-fn faulty_json(text: &str, fences: &[Fence]) -> Option<String> {
-    let range = match fences.last() {
-        None => 0..text.len(),
-        Some(fence) if ["", "json", "jsonc", "json5"].contains(&fence.language.as_str()) => fence.content.clone(),
-        Some(_) => return None,
-    };
-    let (begin, meant) = (range.end - text[range.clone()].trim_start().len(), text[range].trim());
-    if !meant.starts_with(['{', '[']) || !meant.ends_with(['}', ']']) {
-        return None;
-    }
-    let error = serde_json::from_str::<serde::de::IgnoredAny>(meant).err()?;
-    let message = message(&error);
-    let what = message.split(" at line ").next().unwrap_or(&message);
-    if what == "trailing characters" {
-        return None;
-    }
-    let line = line_of(text, begin) + error.line().saturating_sub(1);
-    let remedy = remedy(meant.as_bytes(), &error).map(|remedy| format!(": {remedy}")).unwrap_or_default();
-    Some(format!("the JSON is not valid in line {line}: {what}{remedy}"))
 }
 
 #[cfg(test)]
@@ -261,6 +225,11 @@ mod tests {
             (format!("```js\n{code}"), code),
             (format!(r#"{{"turns": [{{"action_code": "{code}"}}]}}"#), code),
             (format!(r#"{{"action_code": "{code}"}}"#), code),
+            (format!(r#"{{"action_code": ["{code}"]}}"#), code),
+            (
+                format!("```js\n{code}\nconst more = [{{\"x\": 1}}, {{\"x\":"),
+                &format!("{code}\nconst more = [{{\"x\": 1}}, {{\"x\":"),
+            ),
         ] {
             assert_eq!(found(&text).as_deref(), Ok(expected), "{text}");
         }
@@ -326,7 +295,24 @@ mod tests {
             ("```python\nprint(1)\n```", "the last code fence is \"python\", which is neither JSON nor JavaScript"),
             (
                 "{\"events\":[{\"action\":\"place\",\"x\":0.5,\"y\":0,\"z\":0,\"material\":\"stone\"}]}",
-                "/turns/0/events/0/x: 0.5 is not an integer",
+                "/events/0/x: 0.5 is not an integer (in the JSON that begins on line 1)",
+            ),
+            (
+                "Two:\n[{\"events\":[]},{\"events\":[{\"action\":\"place\",\"x\":0,\"y\":0,\"z\":0,\"block\":7}]}]",
+                "/1/events/0/block: unknown field; an event has action, x, y, z and material; /1/events/0/material: missing: an event that places a block needs a material (in the JSON that begins on line 2)",
+            ),
+            (
+                "[{\"action\":\"place\",\"x\":0,\"y\":\"a\",\"z\":0,\"material\":\"stone\"}]",
+                "/0/y: expected an integer, found \"a\" (in the JSON that begins on line 1)",
+            ),
+            ("{\"turns\":[{\"events\":[]},{\"events\":[", "the JSON that begins on line 1 is incomplete"),
+            ("[{\"phase\":\"floor\",\"events\":[]},{\"phase\":", "the JSON that begins on line 1 is incomplete"),
+            ("{\"action_code\": \"await skills.wait(bot, 1);", "the JSON that begins on line 1 is incomplete"),
+            ("```\n{\"action_code\": \"await skills.wait(bot, 1);", "the JSON that begins on line 2 is incomplete"),
+            ("{\"turn1\":{\"events\":[]},\"turn2\":{\"events\":[]}}", NAMED_TURNS),
+            (
+                "<think>```js\nawait skills.wait(bot, 1);\n```</think>I have written the code above.",
+                "there is neither a block log as JSON nor action code in the answer; its thoughts, which hold code, were left out",
             ),
         ] {
             assert_eq!(found(text), Err(why.to_owned()), "{text}");

@@ -26,14 +26,34 @@ const BEGINNINGS: [&str; 2] = ["<start_of_turn>", "<s>"];
 const ROLES: [&str; 2] = ["assistant", "model"];
 
 /// Heads of the messages of a prompt, with the head of the answer to it.
-const PROMPTS: [(&[&str], &str); 3] = [
+const PROMPTS: [(&[&str], &str); 11] = [
     (&["<|im_start|>system", "<|im_start|>user"], "<|im_start|>assistant"),
     (&["<|start_header_id|>system", "<|start_header_id|>user"], "<|start_header_id|>assistant<|end_header_id|>"),
     (&["<start_of_turn>user"], "<start_of_turn>model"),
+    // Llama 4.
+    (&["<|header_start|>system", "<|header_start|>user"], "<|header_start|>assistant<|header_end|>"),
+    // Mistral, and Llama 2.
+    (&["[INST]", "[SYSTEM_PROMPT]"], "[/INST]"),
+    // DeepSeek.
+    (&["<｜begin▁of▁sentence｜>", "<｜User｜>"], "<｜Assistant｜>"),
+    // Cohere.
+    (
+        &["<|START_OF_TURN_TOKEN|><|SYSTEM_TOKEN|>", "<|START_OF_TURN_TOKEN|><|USER_TOKEN|>"],
+        "<|START_OF_TURN_TOKEN|><|CHATBOT_TOKEN|>",
+    ),
+    // Phi, GLM, OLMo.
+    (&["<|system|>", "<|user|>"], "<|assistant|>"),
+    // EXAONE.
+    (&["[|system|]", "[|user|]"], "[|assistant|]"),
+    // Kimi.
+    (&["<|im_system|>", "<|im_user|>"], "<|im_assistant|>assistant<|im_middle|>"),
+    // Granite.
+    (&["<|start_of_role|>system", "<|start_of_role|>user"], "<|start_of_role|>assistant<|end_of_role|>"),
 ];
 
 /// Tokens that begin a whole conversation.
-const CONVERSATIONS: [&str; 3] = ["<|begin_of_text|>", "<bos>", "<s>"];
+const CONVERSATIONS: [&str; 7] =
+    ["<|begin_of_text|>", "<bos>", "<s>", "<BOS_TOKEN>", "<|startoftext|>", "[gMASK]", "<sop>"];
 
 /// Returns where the answer begins: after the padding, and in a text that still has its prompt after the head of the last
 /// message that is not empty.

@@ -110,6 +110,11 @@ fn blank(bytes: &mut [u8], range: Range<usize>) {
 pub fn left_out(text: &str) -> Option<String> {
     let Blanked { shown, unclosed, stray, ended } = blanked(text);
     let named = |mark: Mark| format!("{} in line {}", &text[mark.begin..mark.end], line_of(text, mark.begin));
+    if let Some(open) = unclosed.filter(|open| open.meaning == Meaning::OpensChannel) {
+        let is_call = text[open.begin..].contains(" to=");
+        let call = if is_call { "; what a tool call says is not read" } else { "" };
+        return Some(format!("the answer has no message in the channel `final`, only {}{call}", named(open)));
+    }
     if let Some(open) = unclosed {
         return Some(format!("the answer ends inside a thinking tag that is never closed: {}", named(open)));
     }
@@ -203,6 +208,24 @@ mod tests {
     }
 
     #[test]
+    fn a_prompt_that_is_still_there_is_left_out() {
+        for text in [
+            "<s>[INST] a [/INST] b</s>",
+            "<s>[SYSTEM_PROMPT]s[/SYSTEM_PROMPT][INST]a[/INST][THINK]t[/THINK]b</s>",
+            "<｜begin▁of▁sentence｜>s<｜User｜>a<｜Assistant｜><think>\nt</think>\nb<｜end▁of▁sentence｜>",
+            "<|header_start|>user<|header_end|>\n\na<|eot|><|header_start|>assistant<|header_end|>\n\nb<|eot|>",
+            "<BOS_TOKEN><|START_OF_TURN_TOKEN|><|USER_TOKEN|>a<|END_OF_TURN_TOKEN|><|START_OF_TURN_TOKEN|><|CHATBOT_TOKEN|>b<|END_OF_TURN_TOKEN|>",
+            "<|system|>s<|end|><|user|>a<|end|><|assistant|>b<|end|>",
+            "[gMASK]<sop><|user|>\na<|assistant|>\n<think>t</think>\nb<|user|>",
+            "[|system|]s[|endofturn|]\n[|user|]a\n[|assistant|]b[|endofturn|]",
+            "<|im_user|>user<|im_middle|>a<|im_end|><|im_assistant|>assistant<|im_middle|>b<|im_end|>",
+            "<|start_of_role|>user<|end_of_role|>a<|end_of_text|>\n<|start_of_role|>assistant<|end_of_role|>b<|end_of_text|>",
+        ] {
+            assert_eq!(shown(text), ("b".to_owned(), false), "{text}");
+        }
+    }
+
+    #[test]
     fn thoughts_are_left_out() {
         for (text, expected) in [
             ("<think>a\nb</think> c", ("c", false)),
@@ -266,6 +289,11 @@ mod tests {
             ("a\n<Thinking>b", "the answer ends inside a thinking tag that is never closed: <Thinking> in line 2"),
             ("a\n\nb [/THINK] ", "everything before [/THINK] in line 3 was taken for thoughts, and no answer follows"),
             ("a</think>b", "everything before </think> in line 1 was taken for thoughts"),
+            (
+                "<|channel|>analysis<|message|>a<|end|><|start|>assistant<|channel|>commentary to=f <|message|>{}<|call|>",
+                "the answer has no message in the channel `final`, only <|channel|>analysis<|message|> in line 1; what a tool call says is not read",
+            ),
+            ("analysisWe plan.", "the answer has no message in the channel `final`, only analysis in line 1"),
             ("a\n<|im_end|>\nb", "everything after <|im_end|> in line 2 was left out"),
         ] {
             assert_eq!(left_out(text).as_deref(), Some(why));
