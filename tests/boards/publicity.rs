@@ -234,10 +234,25 @@ async fn a_withdrawn_run_leaves_a_trace_that_still_counts() {
     assert_eq!(service.get(&format!("{BOARD}?agent=nobody")).await.json().get("withdrawn"), None);
 
     // A run without an owner is nobody's to withdraw but the operator's.
-    let open = Service::start(&folder.path().join("open.db"), &[]);
+    let mut open = Service::start(&folder.path().join("open.db"), &[]);
     let nobodys = open.finished_run("agent", 3).await;
     let refused = open.post_json(&format!("/v1/runs/{nobodys}/withdraw"), &reason).await;
     assert_eq!(refused.status, StatusCode::FORBIDDEN, "{}", refused.text);
+    let made = plumbline(&["keys", "create", "--name", "host", "--scopes", "admin"], &folder.path().join("open.db"));
+    open.use_key(Some(&succeeded(&made)));
+    let done = open.post_json(&format!("/v1/runs/{nobodys}/withdraw"), &reason).await;
+    assert!(done.status.is_success(), "{}", done.text);
+    assert!(open.get(&format!("/runs/{nobodys}")).await.text.contains("Withdrawn by the operator"));
+    // Other sites add parameters to links, which a page passes over and the API refuses.
+    for page in
+        ["/boards/mineceraft-lite", "/boards/mineceraft-lite/charts", "/suites/mineceraft-lite/tasks", "/search"]
+    {
+        let followed = open.get(&format!("{page}?fbclid=x&utm_source=y")).await;
+        assert_eq!(followed.status, StatusCode::OK, "{page}: {}", followed.text);
+    }
+    assert_eq!(open.get("/v1/leaderboards/mineceraft-lite?fbclid=x").await.status, StatusCode::BAD_REQUEST);
+    let to_come = open.get("/boards/mineceraft-lite?as_of=9999-01-01").await.text;
+    assert!(to_come.contains("That time has not passed"), "{to_come}");
 
     // An operator cannot bring it back.
     let admin = succeeded(&plumbline(&["keys", "create", "--name", "host", "--scopes", "admin"], &database));

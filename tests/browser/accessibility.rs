@@ -74,7 +74,7 @@ async fn pages_have_no_faults_that_axe_finds() {
         "/boards/mineceraft-lite?nosuch=1".to_owned(),
         "/about".to_owned(),
     ];
-    let is_page = |route: &str| !route.contains('.') || route.ends_with(".html");
+    let is_page = |route: &str| route.split_once('.').is_none_or(|(_, kind)| kind == "html");
     // A problem of a run leads to the page of its answer.
     must_be_asked_for(&pages, |route| {
         is_page(route) && !route.ends_with("/{file}") && route != "/runs/{id}/tasks/{number}"

@@ -13,6 +13,10 @@ use serde_json::{Value, json};
 const ROWS: &str = "return [...document.querySelectorAll('table')][0].tBodies[0].rows.length";
 const CANVAS: &str = "return {...document.querySelector('.viewer canvas').dataset}";
 
+/// Whether the lowest level alone is shown, the path of the builder, and the first material.
+const KEPT: &str = "const find = (name) => document.querySelector(`[data-control=${name}]`); return [find('slice').value === find('slice').min, \
+                    find('walk').checked, find('materials').querySelector('input').checked]";
+
 #[tokio::test]
 async fn a_reader_finds_the_way_from_the_board_to_the_evidence() {
     let folder = tempfile::tempdir().unwrap();
@@ -120,17 +124,14 @@ async fn a_build_is_looked_at_from_all_sides() {
     browser.wait(CANVAS, fewer).await;
     browser.click("[data-control=materials] input").await;
     let before = browser.run("return location.hash").await;
-    page.find(Locator::Css(".viewer canvas"))
-        .await
-        .unwrap()
-        .send_keys(&String::from(char::from(Key::Left)))
-        .await
-        .unwrap();
+    let canvas = page.find(Locator::Css(".viewer canvas")).await.unwrap();
+    canvas.send_keys(&String::from(char::from(Key::Left))).await.unwrap();
     assert_eq!(browser.run("return getComputedStyle(document.querySelector('.keys')).display").await, "block");
     let after = browser.wait("return location.hash", |hash| *hash != before).await;
     page.goto(&format!("{}/submissions/{id}{}", service.url, after.as_str().unwrap())).await.unwrap();
     page.refresh().await.unwrap();
     browser.wait(CANVAS, |canvas| canvas["step"] == before_last && canvas["mode"] == "sph").await;
+    assert_eq!(browser.run(KEPT).await, json!([true, true, false]));
     browser.is_well(&service).await;
 
     // Witnesses; two side by side; a task's good build.

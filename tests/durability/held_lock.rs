@@ -36,6 +36,46 @@ fn filled(path: &str, ids: &Value) -> String {
     if path.ends_with("/compare") { format!("{path}?a={0}&b={0}", ids["run"].as_str().unwrap()) } else { path }
 }
 
+/// Every page, and what other tools read of the log.
+fn pages(run: &str, submission: &str) -> Vec<String> {
+    vec![
+        "/".to_owned(),
+        "/boards/mineceraft".to_owned(),
+        "/epochs".to_owned(),
+        "/epochs/autumn".to_owned(),
+        "/suites/mineceraft/tasks".to_owned(),
+        format!("/runs/{}", run),
+        format!("/submissions/{}", submission),
+        format!("/submissions/{}/view.svg", submission),
+        format!("/submissions/{}/thumbnail.png", submission),
+        "/suites/mineceraft/tasks/113/thumbnail.png".to_owned(),
+        "/suites/mineceraft/tasks/113/preview.png".to_owned(),
+        "/suites/mineceraft/tasks/113/view.svg".to_owned(),
+        "/suites/mineceraft/tasks/113/reference.json".to_owned(),
+        "/suites/mineceraft/tasks/113".to_owned(),
+        "/about".to_owned(),
+        "/boards/mineceraft/charts".to_owned(),
+        "/boards/mineceraft/charts/intervals.svg".to_owned(),
+        "/boards/mineceraft/log".to_owned(),
+        format!("/boards/mineceraft/compare?a={0}&b={0}", run),
+        format!("/boards/mineceraft/compare.svg?a={0}&b={0}", run),
+        format!("/boards/mineceraft/compare.csv?a={0}&b={0}", run),
+        format!("/runs/{}/tasks/113", run),
+        format!("/runs/{}/tasks/113/thumbnail.png", run),
+        format!("/runs/{}/tasks/113/preview.png", run),
+        format!("/submissions/{}/preview.png", submission),
+        format!("/submissions/{}/evidence.html", submission),
+        format!("/compare?a={0}&b={0}", submission),
+        "/agents/a".to_owned(),
+        "/search?text=a".to_owned(),
+        "/moderation".to_owned(),
+        "/docs/".to_owned(),
+        "/log/checkpoint".to_owned(),
+        "/log/key".to_owned(),
+        "/log/witnesses".to_owned(),
+    ]
+}
+
 #[tokio::test]
 async fn reads_never_wait_for_the_writer() {
     if crate::support::database::is_postgres() {
@@ -74,42 +114,7 @@ async fn reads_never_wait_for_the_writer() {
     let mut holder = options.connect().await.unwrap();
     sqlx::query("BEGIN IMMEDIATE").execute(&mut holder).await.unwrap();
     let held = Instant::now();
-    let pages = [
-        "/".to_owned(),
-        "/boards/mineceraft".to_owned(),
-        "/epochs".to_owned(),
-        "/epochs/autumn".to_owned(),
-        "/suites/mineceraft/tasks".to_owned(),
-        format!("/runs/{}", id(&run)),
-        format!("/submissions/{}", id(&submission)),
-        format!("/submissions/{}/view.svg", id(&submission)),
-        format!("/submissions/{}/thumbnail.png", id(&submission)),
-        "/suites/mineceraft/tasks/113/thumbnail.png".to_owned(),
-        "/suites/mineceraft/tasks/113/preview.png".to_owned(),
-        "/suites/mineceraft/tasks/113/view.svg".to_owned(),
-        "/suites/mineceraft/tasks/113/reference.json".to_owned(),
-        "/suites/mineceraft/tasks/113".to_owned(),
-        "/about".to_owned(),
-        "/boards/mineceraft/charts".to_owned(),
-        "/boards/mineceraft/charts/intervals.svg".to_owned(),
-        "/boards/mineceraft/log".to_owned(),
-        format!("/boards/mineceraft/compare?a={0}&b={0}", id(&run)),
-        format!("/boards/mineceraft/compare.svg?a={0}&b={0}", id(&run)),
-        format!("/boards/mineceraft/compare.csv?a={0}&b={0}", id(&run)),
-        format!("/runs/{}/tasks/113", id(&run)),
-        format!("/runs/{}/tasks/113/thumbnail.png", id(&run)),
-        format!("/runs/{}/tasks/113/preview.png", id(&run)),
-        format!("/submissions/{}/preview.png", id(&submission)),
-        format!("/submissions/{}/evidence.html", id(&submission)),
-        format!("/compare?a={0}&b={0}", id(&submission)),
-        "/agents/a".to_owned(),
-        "/search?text=a".to_owned(),
-        "/moderation".to_owned(),
-        "/docs/".to_owned(),
-        "/log/checkpoint".to_owned(),
-        "/log/key".to_owned(),
-        "/log/witnesses".to_owned(),
-    ];
+    let pages = pages(id(&run), id(&submission));
     must_be_asked_for(&pages, |_| true);
     let gets = document["paths"].as_object().unwrap().iter().filter(|(_, item)| item["get"].is_object());
     let paths: Vec<String> = gets.map(|(path, _)| filled(path, &ids)).chain(pages).collect();

@@ -142,7 +142,7 @@ pub struct BoardPage {
     pub before: Option<PageStart>,
     /// Results on this suite that others report; they were not graded by this service.
     pub reported: Vec<ReportedRow>,
-    /// Runs that match the filters and that their owners withdrew, latest first.
+    /// Runs that match the filters and that their owners, or the operator for runs without one, withdrew, latest first.
     pub withdrawn: Vec<Withdrawn>,
 }
 

@@ -143,7 +143,7 @@ pub struct BoardBody {
     /// Results on this suite that others report; they were not graded by this service. Listed only beside the track
     /// `brief`, whose prompts are as short as theirs.
     pub reported: Vec<ReportedRow>,
-    /// Runs that match the filters and that their owners withdrew, latest first, at most 100; absent if there are none.
+    /// Runs that match the filters and that their owners, or the operator for runs without one, withdrew, latest first, at most 100; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub withdrawn: Vec<WithdrawnRow>,
 }

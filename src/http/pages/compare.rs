@@ -88,7 +88,7 @@ pub async fn compare_runs(
     Path(suite): Path<String>,
     RawQuery(raw): RawQuery,
 ) -> PageResult {
-    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let two: Two = params::read(&html::set_fields(raw.as_deref()))?;
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     let figure = dumbbells::draw(&told.a, &told.b);
     let tasks = &told.board.entry.suite.tasks;
@@ -104,7 +104,7 @@ pub async fn compare_runs(
 /// # Errors
 /// Returns a 404 error if the suite does not exist or its board has no such run.
 pub async fn table(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
-    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let two: Two = params::read(&html::set_fields(raw.as_deref()))?;
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     Ok(csv(&dumbbells::draw(&told.a, &told.b))?)
 }
@@ -114,7 +114,7 @@ pub async fn table(State(state): State<AppState>, Path(suite): Path<String>, Raw
 /// # Errors
 /// Returns a 404 error if the suite does not exist or its board has no such run.
 pub async fn picture(State(state): State<AppState>, Path(suite): Path<String>, RawQuery(raw): RawQuery) -> PageResult {
-    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let two: Two = params::read(&html::set_fields(raw.as_deref()))?;
     let told = compare(&state, &suite, &two.a, &two.b).await?;
     Ok(svg(dumbbells::draw(&told.a, &told.b).svg))
 }

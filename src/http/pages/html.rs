@@ -52,10 +52,29 @@ pub fn page(template: &impl Template) -> PageResult {
     Ok((page_headers(), text).into_response())
 }
 
-/// Returns a query without its empty fields: an empty field of a form is not set.
+/// Parameters that other sites add to links, so that they know who followed them.
+const TRACKERS: [&str; 14] = [
+    "fbclid",
+    "gclid",
+    "gbraid",
+    "wbraid",
+    "dclid",
+    "msclkid",
+    "twclid",
+    "ttclid",
+    "li_fat_id",
+    "igshid",
+    "yclid",
+    "mc_cid",
+    "mc_eid",
+    "ref",
+];
+
+/// Returns a query without its empty fields and without what other sites add to links: an empty field of a form is not set.
 #[must_use]
 pub fn set_fields(raw: Option<&str>) -> String {
-    let fields = form_urlencoded::parse(raw.unwrap_or_default().as_bytes()).filter(|(_, value)| !value.is_empty());
+    let is_set = |name: &str, value: &str| !value.is_empty() && !name.starts_with("utm_") && !TRACKERS.contains(&name);
+    let fields = form_urlencoded::parse(raw.unwrap_or_default().as_bytes()).filter(|(name, value)| is_set(name, value));
     form_urlencoded::Serializer::new(String::new()).extend_pairs(fields).finish()
 }
 

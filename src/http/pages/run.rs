@@ -74,6 +74,8 @@ struct RunPage {
     begun: String,
     anonymous_until: Option<String>,
     withdrawn: Option<(String, String)>,
+    /// Who could withdraw it: its owner, or the operator if it has none.
+    withdrawn_by: &'static str,
     row: Option<BoardRow>,
     is_hidden: bool,
     copied_from: usize,
@@ -85,8 +87,8 @@ struct RunPage {
     card: Vec<(&'static str, String)>,
     links: Vec<Link>,
     preview: Preview,
-    /// Another run of the track to compare it with, and its agent: the best, or the second best.
-    best: Option<(String, String)>,
+    /// Another run of the track to compare it with: which it is, its identifier and its agent.
+    best: Option<(&'static str, String, String)>,
     /// Number of the last event before the page was made: the page follows those after it.
     last_event: i64,
 }
@@ -101,10 +103,11 @@ pub async fn run(
     Path(id): Path<String>,
     RawQuery(raw): RawQuery,
 ) -> PageResult {
-    let query: RunQuery = params::read(raw.as_deref().unwrap_or_default())?;
+    let query: RunQuery = params::read(&html::set_fields(raw.as_deref()))?;
     let last_event = last(&state).await?;
     let mut results = results(&state, &id).await?;
     let anonymous_until = results.run.embargo.as_ref().map(|embargo| rfc3339(embargo.until_ms));
+    let withdrawn_by = if results.run.owner.is_some() { "its owner" } else { "the operator" };
     if anonymous_until.is_some() {
         (results.run.owner, results.run.card) = (None, None);
     }
@@ -130,8 +133,11 @@ pub async fn run(
         best.first().or(worst.first()).map(|place| suite.tasks[*place].number)
     });
     let best = results.row.as_ref().filter(|row| row.places.is_some()).and_then(|row| {
-        let others = results.board.rows.all.iter().filter(|other| other.run != id && other.track == row.standing.track);
-        others.map(|other| (other.run.clone(), other.agent.clone())).next()
+        let mut of_track = results.board.rows.all.iter().filter(|other| other.track == row.standing.track);
+        let first = of_track.next()?;
+        let (which, other) =
+            if first.run == id { ("the next best run", of_track.next()?) } else { ("the best run", first) };
+        Some((which, other.run.clone(), other.agent.clone()))
     });
     let preview = Preview {
         origin,
@@ -148,6 +154,7 @@ pub async fn run(
         preview,
         begun: rfc3339(results.run.created_at_ms),
         anonymous_until,
+        withdrawn_by,
         withdrawn: results.run.withdrawn.clone().map(|(at_ms, reason)| (rfc3339(at_ms), reason)),
         is_hidden,
         copied_from: results.row.as_ref().map_or(0, |row| row.copied_from),

@@ -38,7 +38,7 @@ impl SearchPage {
 /// # Errors
 /// Returns a 400 error if a parameter is unknown.
 pub async fn page(State(state): State<AppState>, RawQuery(raw): RawQuery) -> PageResult {
-    let SearchQuery { text } = params::read(raw.as_deref().unwrap_or_default())?;
+    let SearchQuery { text } = params::read(&html::set_fields(raw.as_deref()))?;
     let found = search(&state, &text).await?;
     if let Some(page) = &found.page {
         return Ok(Redirect::to(page).into_response());

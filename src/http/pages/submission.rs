@@ -93,7 +93,7 @@ impl Shown {
 
     /// Returns the blocks that a check flags, as JSON.
     fn cells(check: &CheckReport) -> String {
-        let cells: Vec<[i32; 3]> = check.finding.witnesses.iter().map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect();
+        let cells: Vec<[i32; 3]> = check.finding.witnesses.iter().map(|w| w.cell.into()).collect();
         serde_json::to_string(&cells).expect("numbers are JSON")
     }
 
@@ -190,11 +190,13 @@ struct EvidencePage {
     viewer: &'static str,
 }
 
-/// Collects the witness cells of the failed checks of a report.
-fn witnesses(report: Option<&ReportRow>) -> Vec<[i32; 3]> {
+/// Collects the witness cells of the failed checks of a report, and tells whether a check has more than the report names.
+fn witnesses(report: Option<&ReportRow>) -> (Vec<[i32; 3]>, bool) {
     let turns = report.into_iter().flat_map(|report| &report.report.turns);
-    let failed = turns.flat_map(|turn| &turn.checks).filter(|check| !check.finding.holds());
-    failed.flat_map(|check| &check.finding.witnesses).map(|w| [w.cell.x, w.cell.y, w.cell.z]).collect()
+    let failed = turns.flat_map(|turn| &turn.checks).map(|check| &check.finding).filter(|finding| !finding.holds());
+    let is_cut = failed.clone().any(|finding| finding.witness_total > finding.witnesses.len() as u64);
+    let cells = failed.flat_map(|finding| &finding.witnesses).map(|witness| witness.cell.into()).collect();
+    (cells, is_cut)
 }
 
 /// Returns the 3D view of a submission; views with the same camera rotate together.
@@ -213,7 +215,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
     }
     let details = details(state, row).await?;
     let id = &details.row.id;
-    let cells = witnesses(details.report.as_ref());
+    let (cells, is_cut) = witnesses(details.report.as_ref());
     let field = |method: &str| format!("/v1/submissions/{id}/stress?method={method}&format=arrays");
     let log = log(state, id).await?;
     let task = details.task().cloned();
@@ -227,6 +229,7 @@ async fn shown(state: &AppState, row: SubmissionRow, camera: &'static str) -> Re
         "looks": looks_of(names.iter().map(String::as_str)),
         "stress": { "sph": field("sph"), "fem": field("fem") },
         "witnesses": cells,
+        "is_cut": is_cut,
         "reference": format!("/suites/{}/tasks/{}/reference.json", details.entry.id, details.row.task_number),
     });
     let task = details.task().map(|task| task.id.clone()).unwrap_or_default();
@@ -286,7 +289,7 @@ pub struct Two {
 /// # Errors
 /// Returns a 400 error if the query does not name a pair and a 404 error if either submission does not exist.
 pub async fn beside(State(state): State<AppState>, RawQuery(raw): RawQuery) -> PageResult {
-    let two: Two = params::read(raw.as_deref().unwrap_or_default())?;
+    let two: Two = params::read(&html::set_fields(raw.as_deref()))?;
     let rows = match two {
         Two { a: Some(a), b: Some(b), .. } => [stored(&state, &a).await?, stored(&state, &b).await?],
         Two { run_a: Some(a), run_b: Some(b), task: Some(task), .. } => {
@@ -368,10 +371,10 @@ pub async fn evidence(State(state): State<AppState>, Reader(who): Reader, Path(i
             stress = json!({ "fem": written.map_err(|error| AppError::internal(&error))? });
         }
     }
-    let cells = witnesses(one.report.as_ref());
+    let (cells, is_cut) = witnesses(one.report.as_ref());
     let names = palette(log.to_string().as_bytes())?;
     let looks = looks_of(names.iter().map(String::as_str));
-    let scene = json!({ "log": log, "looks": looks, "stress": stress, "witnesses": cells });
+    let scene = json!({ "log": log, "looks": looks, "stress": stress, "witnesses": cells, "is_cut": is_cut });
     one.view.has_reference = false;
     one.view.scene = json_in_markup(&scene);
     "data:,".clone_into(&mut one.view.picture);

@@ -41,6 +41,9 @@ const ramp = (share) => {
 const touches = (box, side) => (side % 2 ? box[[1, 2, 0][side >> 1]] === 0 : box[[4, 5, 3][side >> 1]] === 16);
 const pascal = (pa) => (pa >= 1e6 ? `${(pa / 1e6).toPrecision(3)} MPa` : pa >= 1e3 ? `${(pa / 1e3).toPrecision(3)} kPa` : `${pa.toPrecision(3)} Pa`);
 
+/* Returns cells without those that occur twice. */
+const distinct = (cells) => [...new Map(cells.map((cell) => [key(...cell), cell])).values()];
+
 function program(gl) {
   const made = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
@@ -161,7 +164,8 @@ class Viewer {
     const near = ([x, y, z, ...rest]) => [x - ox, y - oy, z - oz, ...rest];
     this.near = near;
     this.events = this.events.map(near);
-    this.witnesses = this.failed = (this.scene.witnesses ?? []).map(near);
+    this.witnesses = this.failed = distinct((this.scene.witnesses ?? []).map(near));
+    this.isCut = Boolean(this.scene.is_cut);
     this.origin = [ox, oy, oz];
     [this.low, this.high] = [[0, 0, 0], near(high)];
     [low, high] = [this.low, this.high];
@@ -222,7 +226,7 @@ class Viewer {
       }
     }
     // Witness cells without a block, such as leaking air or a missing corner.
-    if (this.mode === "witness") for (const [x, y, z] of cells) if (!blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face([x, y, z], SMALL, side, RED);
+    if (this.mode === "witness") for (const [x, y, z] of cells) if (y <= slice && !blocks.has(key(x, y, z))) for (let side = 0; side < 6; side++) face([x, y, z], SMALL, side, RED);
     const faces = places.length / 12;
     if (this.ground.checked) for (const cell of this.groundAround()) face(cell, WHOLE, 0, GROUND[(cell[0] + cell[2] + cell[3]) & 1]);
     const drawn = places.length / 12, order = new Uint32Array(drawn * 6);
@@ -295,11 +299,9 @@ class Viewer {
     this.coloured = find("colour");
     Object.assign(this.slice, { min: this.low[1], max: this.high[1] - 1, value: this.high[1] - 1 });
     Object.assign(this.time, { min: 0, max: this.events.length, value: this.at });
-    this.slice.addEventListener("input", () => this.rebuild());
-    this.walk.addEventListener("input", () => this.rebuild());
-    this.ground.addEventListener("input", () => this.rebuild());
     this.ghost = find("ghost");
-    this.ghost?.addEventListener("input", () => this.showReference());
+    for (const control of [this.slice, this.walk, this.ground]) control.addEventListener("input", () => { this.rebuild(); this.remember(); });
+    this.ghost?.addEventListener("input", () => { this.showReference(); this.remember(); });
     this.names = AXES.map(([name]) => {
       const label = Object.assign(document.createElement("span"), { className: `axis ${name}`, ariaHidden: "true" });
       this.canvas.after(label);
@@ -322,7 +324,8 @@ class Viewer {
       const brush = swatch.getContext("2d");
       brush.fillStyle = `rgb(${this.looks[i][1].join()})`;
       brush.fillRect(0, 0, 1, 1);
-      box.addEventListener("input", () => { box.checked ? this.hidden.delete(i) : this.hidden.add(i); this.rebuild(); });
+      box.dataset.material = i;
+      box.addEventListener("input", () => { box.checked ? this.hidden.delete(i) : this.hidden.add(i); this.rebuild(); this.remember(); });
       label.append(box, swatch, name);
       list.append(label);
     });
@@ -332,14 +335,24 @@ class Viewer {
   flag(check) {
     const open = this.root.closest("[data-shown]").querySelector("details.check[open]");
     if (check.open) {
-      this.witnesses = JSON.parse(check.dataset.cells).map(this.near);
+      this.witnesses = distinct(JSON.parse(check.dataset.cells).map(this.near));
+      this.flagged = Number(check.dataset.total);
       this.go(this.turnEnds[check.dataset.turn - 1] ?? this.events.length);
     } else if (!open) {
       this.witnesses = this.failed;
+      this.flagged = undefined;
     } else return;
     const mode = check.open && this.witnesses.length ? "witness" : "material";
     // A check without flagged blocks leaves the colours as they are.
     if (mode === "witness" || (!check.open && this.mode === "witness")) this.colour(mode);
+  }
+
+  /* Says how many cells are red: a report names some of many only. */
+  flags() {
+    const shown = this.witnesses.length, all = this.flagged ?? shown;
+    if (all > shown) return `${shown} of ${counted(all, "flagged block")}, in red`;
+    const cut = this.flagged === undefined && this.isCut ? "; a check that flags many marks some of them" : "";
+    return `${counted(shown, "flagged block")}, in red${cut}`;
   }
 
   /* Draws the edges of the reference build where the agent built, to compare the two. */
@@ -436,7 +449,7 @@ class Viewer {
         brush.fillRect(i, 0, 1, 1);
       }
       this.legend.append(strip, `von Mises stress, 0 to ${pascal(field.max)}`);
-    } else if (mode === "witness") this.legend.textContent = `${counted(this.witnesses.length, "flagged block")}, in red`;
+    } else if (mode === "witness") this.legend.textContent = this.flags();
     this.rebuild();
     this.remember();
   }
@@ -463,14 +476,28 @@ class Viewer {
     clearTimeout(this.remembering);
     this.remembering = setTimeout(() => {
       const { yaw, pitch, distance } = this.camera;
-      history.replaceState(null, "", `#${[yaw, pitch, distance].map((n) => n.toFixed(2)).join(",")},${this.at},${this.mode}`);
+      const shown = [this.ground.checked ? "g" : "", this.walk.checked ? "w" : "", this.ghost?.checked ? "r" : ""].join("");
+      const view = [...[yaw, pitch, distance].map((n) => n.toFixed(2)), this.at, this.mode, this.slice.value, shown, [...this.hidden].join("-")];
+      history.replaceState(null, "", `#${view.join(",")}`);
     }, 150);
   }
 
   recall() {
     const told = location.hash.slice(1).split(",");
-    if (this.root.dataset.camera || told.length !== 5) return;
+    // Addresses of before have neither height nor what is shown.
+    if (this.root.dataset.camera || (told.length !== 5 && told.length !== 8)) return;
     const [yaw, pitch, distance, at] = told.slice(0, 4).map(Number);
+    if (told.length === 8) {
+      if (Number.isFinite(Number(told[5]))) this.slice.value = told[5];
+      this.ground.checked = told[6].includes("g");
+      this.walk.checked = told[6].includes("w");
+      if (this.ghost && told[6].includes("r")) {
+        this.ghost.checked = true;
+        this.showReference();
+      }
+      for (const i of told[7].split("-").filter(Boolean)) this.root.querySelector(`[data-material="${Number(i)}"]`)?.click();
+      this.rebuild();
+    }
     if ([yaw, pitch, distance, at].every(Number.isFinite)) {
       Object.assign(this.camera, { yaw, pitch, distance });
       this.at = Math.min(Math.max(at, 0), this.events.length);
