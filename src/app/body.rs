@@ -32,14 +32,22 @@ pub fn changes_direction(name: &str) -> bool {
     name.contains(|c| matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
 }
 
-/// Returns the shape of the name of an agent.
+/// Characters that nobody sees. Those that join letters and emoji are not among them.
+const WITHOUT_WIDTH: [char; 4] = ['\u{200b}', '\u{2060}', '\u{feff}', '\u{00ad}'];
+
+/// Returns the shape of the name of an agent. Spaces around it are left out.
 pub fn agent_name(faults: &mut Faults) -> Parsed<'_, String> {
     let parse = |name: &str| match name.trim() {
         "" => Err("expected a name that does not only consist of spaces".to_owned()),
         // In the address of a page, these lead elsewhere.
         "." | ".." => Err("expected a name other than . and ..".to_owned()),
         _ if changes_direction(name) => Err(DIRECTION_FAULT.to_owned()),
-        _ => Ok(name.to_owned()),
+        _ if name.contains(WITHOUT_WIDTH) => {
+            Err("characters without width (such as U+200B) are not allowed: the name would look like another"
+                .to_owned())
+        }
+        // A name with a space at its end would look like another, too.
+        name => Ok(name.to_owned()),
     };
     Parsed { text: Text { faults, min_chars: 1, max_chars: LIMITS.agent_chars }, parse }
 }

@@ -43,6 +43,12 @@ async fn every_fault_of_a_body_is_told_at_once() {
     let run = json!({ "agent": "", "suite": "none", "metadata": [], "extra": 0 });
     let faults = service.post_json("/v1/runs", &run).await.faults(422);
     assert_eq!(faults, ["null /agent", "null /extra", "null /metadata", "null /suite"]);
+    // Names that would look like another agent's.
+    for (sent, expected) in [("  one ", Some("one")), ("o\u{200b}ne", None), ("\u{202e}one", None), ("👩‍🔬", Some("👩‍🔬"))]
+    {
+        let made = service.post_json("/v1/runs", &json!({ "agent": sent, "suite": "mineceraft" })).await;
+        assert_eq!(made.json()["agent"].as_str(), expected, "{sent:?}: {}", made.text);
+    }
 }
 
 #[tokio::test]
