@@ -285,6 +285,7 @@ def test_answers_that_build_nothing_are_counted(evaluate: Evaluate, endpoint: An
         "empty": 1,
         "code_stopped": 0,
         "code_failed": 2,
+        "code_idle": 2,
     }
 
 

@@ -68,6 +68,12 @@ async def test_trl_gets_rewards_of_conversations(service: Running, good: str) ->
     # The asynchronous trainer passes no extras, and a plain data set has plain texts.
     plain = await trl.plumbline(prompts=["x"], completions=[good], task=[WALL], profile=["mindcraft"])
     assert plain == [1.0]
+    # A draft in a thought that never ends is no answer, also where the prompt opened the thought.
+    for prompt in ("Raise a wall.\n<think>\n", [{"role": "assistant", "content": "[THINK]"}]):
+        draft = await trl.plumbline(prompts=[prompt], completions=[good], task=[WALL], profile=["mindcraft"])
+        assert draft == [0.0], prompt
+        ended = await trl.plumbline([prompt], [f"Plan.</think>[/THINK]{good}"], [WALL], profile=["mindcraft"])
+        assert ended == [1.0], prompt
 
 
 async def test_trl_finds_the_scheme_under_its_other_names(service: Running) -> None:

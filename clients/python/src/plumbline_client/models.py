@@ -4449,6 +4449,15 @@ class FoundBody(BaseModel):
     """
     Line of that text on which JSON begins, after the answer, that the end of the text cuts off, from 1.
     """
+    left_out: Annotated[
+        str | None,
+        Field(
+            examples=["the answer ends inside a thinking tag that is never closed: <think> in line 2"]
+        ),
+    ] = None
+    """
+    What of the text was not read because a thought begins there that never ends.
+    """
 
 
 class Graded(BaseModel):
@@ -5969,7 +5978,7 @@ class BoardBody(BaseModel):
     """
     withdrawn: list[WithdrawnRow] | None = None
     """
-    Runs that match the filters and that their owners withdrew, latest first, at most 100; absent if there are none.
+    Runs that match the filters and that their owners, or the operator for runs without one, withdrew, latest first, at most 100; absent if there are none.
     """
 
 

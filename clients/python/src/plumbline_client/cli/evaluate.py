@@ -254,7 +254,11 @@ def tell(outcome: Outcome, folder: Path) -> None:
     odd_ones = [f"{outcome.answers[name]} {words}" for name, words in odd.items() if outcome.answers.get(name)]
     if odd_ones:
         print(f"of {outcome.answers['answers']} answers: {', '.join(odd_ones)}")
-    of_code = {"code_failed": "failed before they built anything", "code_stopped": "reached a limit and count as empty"}
+    of_code = {
+        "code_failed": "failed before they built anything",
+        "code_idle": "ended without building anything (GET /v1/submissions/ID says why)",
+        "code_stopped": "reached a limit and count as empty",
+    }
     for name, words in of_code.items():
         if count := outcome.answers.get(name):
             print(f"turns whose answers {words}: {count}")

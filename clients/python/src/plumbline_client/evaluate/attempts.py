@@ -158,8 +158,9 @@ def counts(journal: Journal) -> dict[str, int | None]:
     results = [entry["result"] for entry in journal.of_kind("submitted")]
     found["code_stopped"] = sum(len(result.get("refused") or ()) for result in results)
     # The service tells it of code that was posted to a public suite.
-    failed = [result.get("code_failed") for result in results]
-    found["code_failed"] = sum(failed) if all(count is not None for count in failed) else None
+    for name in ("code_failed", "code_idle"):
+        told = [result.get(name) for result in results]
+        found[name] = sum(told) if all(count is not None for count in told) else None
     return found
 
 

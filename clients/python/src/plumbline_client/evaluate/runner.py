@@ -46,7 +46,7 @@ class Outcome:
     """Runs that have answers to the tasks that were asked for, and take others."""
     answers: dict[str, int | None] = field(default_factory=dict)
     """Number of answers of the model, of those that were empty, cut off, refusals, or calls of tools, and of those whose
-    code reached a limit or failed before it built anything (None if that is unknown)."""
+    code reached a limit, or failed or ended before it built anything (None if that is unknown)."""
     entry: dict[str, Any] | None = None
     """The finalized entry of a hidden evaluation."""
 
@@ -228,8 +228,9 @@ class Evaluation:
             run=attempt.run, task=attempt.problem.id, profile=profile, turns=turns
         )
         replays = accepted.action_code or []
-        failed = sum(1 for replay in replays if replay.error is not None and replay.events == 0)
-        return {"submission": str(accepted.id), "code_failed": failed}
+        without = [replay for replay in replays if replay.events == 0]
+        failed = sum(replay.error is not None for replay in without)
+        return {"submission": str(accepted.id), "code_failed": failed, "code_idle": len(without) - failed}
 
     def _promise(self, attempt: Attempt, messages: list[Message]) -> str | None:
         """Keeps the transcript, and returns its hash if the answer promises one."""

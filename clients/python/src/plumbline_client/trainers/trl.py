@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,6 +19,12 @@ from .loops import coalescer
 
 THOUGHTS = ("reasoning", "thinking")
 """Types of parts that are no answer."""
+OPENING = re.compile(
+    r"(?:<(?:think|thinking|thought|reasoning|scratchpad|seed:think|longcat_think)>|\[THINK\]|◁think▷"
+    r"|<\|START_THINKING\|>|<\|begin_of_thought\|>|<\|inner_prefix\|>|<\|channel\|>analysis<\|message\|>)\Z",
+    re.IGNORECASE,
+)
+"""A tag at the end of a prompt, which the completion goes on from."""
 LOGGER = logging.getLogger(__name__)
 
 
@@ -52,7 +59,8 @@ async def plumbline(
     for index in rows:
         label = {"task": task[index], "reward": at(scheme, index), "suite": at(suite, index)}
         try:
-            requests.append(request({**label, "profile": at(profile, index)}, texts_of(completions[index])))
+            texts = with_opening(prompts[index] if index < len(prompts) else None, texts_of(completions[index]))
+            requests.append(request({**label, "profile": at(profile, index)}, texts))
         except ValueError as error:
             raise ValueError(f"row {index}: {error}") from error
     results: list[dict[str, Any] | None] = [None] * len(completions)
@@ -104,6 +112,17 @@ def texts_of(completion: Any) -> list[str]:
         raise unread("a completion is a text or messages", completion)
     own = [message for message in messages if role_of(message) == "assistant"]
     return [text_of(message.get("content")) for message in own] or [""]
+
+
+def with_opening(prompt: Any, texts: list[str]) -> list[str]:
+    """Puts the tag with which a prompt opens a thought before the completion: thoughts that never end are no answer."""
+    last = prompt[-1] if isinstance(prompt, Sequence) and not isinstance(prompt, str) and prompt else prompt
+    content = last.get("content") if isinstance(last, Mapping) else last
+    text = text_of(content).rstrip() if isinstance(content, (str, list)) else ""
+    opening = OPENING.search(text)
+    if opening is None or texts[0].lstrip().startswith(opening[0]):
+        return texts
+    return [opening[0] + texts[0], *texts[1:]]
 
 
 def role_of(message: Any) -> str:
