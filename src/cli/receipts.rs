@@ -133,7 +133,9 @@ fn chains(given: &Given, found: &mut Findings) -> bool {
         let Err(fault) = verify_chain(chain.iter().copied()) else { continue };
         is_linked = false;
         let faults = if matches!(fault, ReceiptFault::Gap { .. }) { gaps(&chain) } else { vec![fault] };
-        faults.into_iter().for_each(|fault| found.broken(fault));
+        for fault in faults {
+            found.broken(fault);
+        }
     }
     for alone in &given.alone {
         if given.log.iter().any(|own| own.seq == alone.seq && (own.link != alone.link || own.hash != alone.hash)) {
