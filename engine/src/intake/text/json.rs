@@ -29,8 +29,8 @@ pub(super) struct Scanned {
     pub other_values: usize,
     /// Byte offset of the value that is cut off by the end of the text, and of which everything that follows is a part.
     pub unfinished: Option<usize>,
-    /// Whether an object has a member for each turn, which is no form of a log.
-    pub has_named_turns: bool,
+    /// Byte range of the last object that has a member for each turn, which is no form of a log.
+    pub named_turns: Option<Range<usize>>,
     /// Whether the scan stopped before the end of the text, because its budget was used up.
     pub is_given_up: bool,
 }
@@ -53,7 +53,9 @@ pub(super) fn logs_in(text: &str) -> Scanned {
                 // Empty braces of a script and lists in prose are not meant as JSON.
                 let is_object = value.get().starts_with('{') && value.get().contains('"');
                 scanned.other_values += usize::from(is_object);
-                scanned.has_named_turns |= is_object && has_named_turns(value.get());
+                if is_object && has_named_turns(value.get()) {
+                    scanned.named_turns = Some(begin..begin + value.get().len());
+                }
                 value.get().len()
             }
             Some(Err(error)) => {

@@ -65,9 +65,6 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
     candidates.extend(regions(&shown, &fences, &json.logs).map(|range| (AnswerKind::Code, range)));
     // What looks like code within JSON that is cut off is a part of it.
     candidates.retain(|(_, range)| json.unfinished.is_none_or(|at| begin_of(&shown, range) < at));
-    if json.has_named_turns {
-        return Err(NAMED_TURNS.to_owned());
-    }
     // Strings within JSON may look like code.
     let other = other_json(&shown, &fences, &json);
     if other
@@ -90,6 +87,9 @@ pub fn read_answer(text: &str, limits: LogLimits) -> Result<FoundAnswer, String>
             None => why_none(&shown, &fences, &json),
         });
     };
+    if json.named_turns.as_ref().is_some_and(|named| named.start <= range.start && range.end <= named.end) {
+        return Err(NAMED_TURNS.to_owned());
+    }
     let sent = match kind {
         AnswerKind::Code => SentLog::of_code(on_its_lines(&shown, range.clone())),
         AnswerKind::Log => json::read(&shown[range.clone()], limits)
@@ -214,6 +214,7 @@ mod tests {
             (format!("```json\n{one}\n```\n```js\n{code}\n```"), code),
             (format!("```js\n{code}\n```\n```json\n{one}\n```"), "1 events"),
             (format!("```js\n{code}\n```\nRun it with\n```js\nmain()\n```"), code),
+            (format!("{{\"turn1\": {one}, \"turn2\": {one}}}\nAs asked: {two}"), "2 events"),
             (
                 format!("```js\nconst blocks = {};\n{code}\n```", events(3)),
                 &format!("const blocks = {};\n{code}", events(3)),

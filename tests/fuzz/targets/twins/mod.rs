@@ -119,9 +119,9 @@ pub fn score(name: &str, arguments: &Value, build: &Build<'_>) -> Option<f64> {
     match room {
         "material" => truth(blocks::holds(rule, arguments, build)),
         "size" => truth(levels::size(rule, arguments, build)),
-        "efficiency" => Some(order::path(build)),
+        "efficiency" if rule == "l1_dist" => Some(order::path(build)),
         "dependency" => truth(order::holds(rule, arguments, build)),
-        "physical_plausibility" => truth(Some(ways::is_grounded(build))),
+        "physical_plausibility" if rule == "is_ground_connected" => truth(Some(ways::is_grounded(build))),
         "shape" => truth(
             levels::clusters(rule, arguments, build)
                 .or_else(|| (rule == "has_columns").then(|| columns::holds(arguments, build)))
