@@ -1,11 +1,14 @@
 //! Hints for the author of code that built nothing: what was never called, and what is not there.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 
 use crate::actions::CodeError;
 
 /// Number of functions that a hint names.
 const MAX_NAMED: usize = 3;
+/// Most bytes of the parameters of a function that a hint names. Without a bound, text without brackets that close would be
+/// read to its end for each name.
+const MAX_PARAMETERS: usize = 500;
 
 /// Note on code that ended and built nothing.
 const IDLE: &str = "the code ended without placing or removing a block";
@@ -44,7 +47,7 @@ fn is_export(line: &str) -> bool {
 
 /// Returns the names of functions that code defines and mentions nowhere else but where it exports them.
 fn never_called(code: &str) -> Vec<&str> {
-    let mut mentions: HashMap<&str, usize> = HashMap::new();
+    let mut mentioned: HashSet<&str> = HashSet::new();
     let mut defined: Vec<&str> = Vec::new();
     let mut begin = 0;
     for line in code.split_inclusive('\n') {
@@ -59,13 +62,13 @@ fn never_called(code: &str) -> Vec<&str> {
             if is_function {
                 defined.push(word);
             } else if !is_export(line) {
-                *mentions.entry(word).or_default() += 1;
+                mentioned.insert(word);
             }
             before = word;
         }
         begin += line.len();
     }
-    defined.retain(|name| !mentions.contains_key(name));
+    defined.retain(|name| !mentioned.contains(name));
     defined.truncate(MAX_NAMED);
     defined
 }
@@ -74,8 +77,9 @@ fn never_called(code: &str) -> Vec<&str> {
 fn is_made_a_function(after: &str) -> bool {
     let Some(value) = after.strip_prefix('=').map(str::trim_start) else { return false };
     let value = value.strip_prefix("async").map_or(value, str::trim_start);
-    let parameters = value.strip_prefix('(').and_then(|rest| rest.split_once(')'));
-    value.starts_with("function") || parameters.is_some_and(|(_, rest)| rest.trim_start().starts_with("=>"))
+    let near = &value[..value.floor_char_boundary(MAX_PARAMETERS)];
+    let end = near.strip_prefix('(').and_then(|rest| rest.find(')')).map(|end| end + 2);
+    value.starts_with("function") || end.is_some_and(|end| value[end..].trim_start().starts_with("=>"))
 }
 
 /// Returns the words of a line with their places, in bytes.

@@ -2,8 +2,8 @@
 //! (`docs/rules.md#mindcraft`).
 //!
 //! `answer` finds the code in an answer, `js` holds what the code is given, `host` is the world behind it, which it
-//! reaches through `bindings`. `hints` tells authors of code that built nothing why. `recording` turns changes of the world into events, and `naming` makes errors name the
-//! function that is meant.
+//! reaches through `bindings`. `hints` tells authors of code that built nothing why. `recording` turns changes of the
+//! world into events, and `naming` makes errors name the function that is meant.
 
 mod answer;
 mod bindings;
